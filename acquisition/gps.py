@@ -45,6 +45,9 @@ _EPOCHS_TO_BELIEVE = 3
 _PAUSE = 0.6
 _CACHED_SENTENCES = 64
 
+#: What a sentence without a time adds to its epoch: GSA an HDOP, VTG a speed in m/s and a course in degrees.
+_Untimed = float | tuple[float, float]
+
 
 class _Epoch:
     """The sentences of one UTC time, as far as they have come."""
@@ -83,7 +86,7 @@ class GpsDecoder:
         self._candidate = ""
         self._line_us = 0
         self._period_us = 0
-        self._early: list[tuple[str, list[str]]] = []  # untimed sentences ahead of their epoch
+        self._early: list[tuple[str, list[str], _Untimed]] = []  # untimed sentences ahead of their epoch
         self._cache: dict[bytes, tuple[str, list[str]]] = {}
         self._dated = False
         self._reference_s: float | None = None  # the last UTC known, in seconds since 1970, or since some midnight
@@ -108,10 +111,11 @@ class GpsDecoder:
             if read is not None:
                 samples = self._timed(t_us, kind, fields, read(fields))
             elif kind in ("GSA", "VTG"):
+                value = read_gsa(fields) if kind == "GSA" else read_vtg(fields)
                 if 0 < self._period_us * _PAUSE < pause_us:
-                    self._early.append((kind, fields))
+                    self._early.append((kind, fields, value))
                     return ()
-                samples = self._untimed(t_us, kind, fields)
+                samples = self._untimed(t_us, kind, fields, value)
             elif kind == "ZDA":
                 self._learn_date(*read_zda(fields))
                 return ()
@@ -178,28 +182,28 @@ class GpsDecoder:
             self._period_us = t_us - previous.opened_us
         epoch = self._epoch = _Epoch(t_us, kind, tod_s)
         if self._early:
-            for early_kind, fields in self._early:
-                self._add(epoch, early_kind, fields)
+            for early in self._early:
+                self._add(epoch, *early)
             self._early.clear()
         return epoch
 
-    def _untimed(self, t_us: int, kind: str, fields: list[str]) -> list[GpsSample]:
+    def _untimed(self, t_us: int, kind: str, fields: list[str], value: _Untimed) -> list[GpsSample]:
         epoch = self._epoch
         if epoch is None or (kind == "VTG" and "RMC" in epoch.readings):
             return []
         epoch.last_kind = kind
         if epoch.closed:
             return []
-        self._add(epoch, kind, fields)
+        self._add(epoch, kind, fields, value)
         return self._close(epoch, t_us) if kind == self._closer else []
 
-    def _add(self, epoch: _Epoch, kind: str, fields: list[str]) -> None:
-        if kind == "GSA":
+    def _add(self, epoch: _Epoch, kind: str, fields: list[str], value: _Untimed) -> None:
+        if isinstance(value, float):
             if epoch.hdop != epoch.hdop:
-                epoch.hdop = read_gsa(fields)
+                epoch.hdop = value
                 epoch.raw[kind] = fields
         elif epoch.vtg is None:
-            epoch.vtg = read_vtg(fields)
+            epoch.vtg = value
             epoch.raw[kind] = fields
 
     def _turn(self, t_us: int) -> list[GpsSample]:

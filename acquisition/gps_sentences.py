@@ -2,8 +2,11 @@
 
 Every function takes the fields of one sentence (without address and checksum) and raises ValueError when their number
 or one of the values cannot be true: a sentence with one impossible value is not believed in the rest either. A field
-that is blank is missing. One exception, for a known fault of firmware past its GPS week rollover: a date that does not
-exist is missing, and the position beside it stands.
+that is blank is missing.
+
+Two exceptions, for what real receivers send. Numbers beside "no fix" (status V, quality 0, mode N) are never looked at:
+some put 8960 degrees there. And a date or a variation that cannot be is missing, and the position beside it stands:
+firmware past its GPS week rollover sends the year -1, others 999.9 for an unknown variation.
 """
 
 from __future__ import annotations
@@ -12,7 +15,7 @@ from datetime import date
 from functools import lru_cache
 from typing import NamedTuple
 
-from .nmea import angle_deg, latitude_deg, longitude_deg, number, signed_deg, time_of_day_s
+from .nmea import angle_deg, latitude_deg, longitude_deg, number, time_of_day_s
 from .sample import NAN
 
 KNOT_MPS = 1852.0 / 3600.0
@@ -34,9 +37,9 @@ class Reading(NamedTuple):
     """One sentence with a position."""
 
     tod_s: float | None  #: UTC, seconds since midnight; None where the receiver does not know it yet
-    lat_deg: float
-    lon_deg: float
-    quality: int  #: fix quality as in GGA; 0 no fix, -1 not said
+    quality: int = 0  #: fix quality as in GGA; 0 no fix, -1 not said
+    lat_deg: float = NAN
+    lon_deg: float = NAN
     speed_mps: float = NAN
     course_deg: float = NAN
     altitude_m: float = NAN
@@ -62,18 +65,22 @@ def read_gga(fields: list[str]) -> Reading:
     satellites = int(fields[6]) if fields[6] else -1
     if not (-1 <= quality <= 9 and -1 <= satellites < 200):
         raise ValueError(f"quality {fields[5]} or number of satellites {fields[6]} cannot be")
+    tod_s = time_of_day_s(fields[0])
+    hdop = number(fields[7], 0.0, _MAX_DOP)
+    if quality == 0:
+        return Reading(tod_s, satellites=satellites, hdop=hdop)
     return Reading(
-        time_of_day_s(fields[0]),
+        tod_s,
+        quality,
         latitude_deg(fields[1], fields[2]),
         longitude_deg(fields[3], fields[4]),
-        quality,
         NAN,
         NAN,
         number(fields[8], -2e4, 1e6),
         NAN,
         NAN,
         satellites,
-        number(fields[7], 0.0, _MAX_DOP),
+        hdop,
     )
 
 
@@ -82,16 +89,21 @@ def read_rmc(fields: list[str]) -> Reading:
     count = len(fields)
     if not 11 <= count <= 14:
         raise ValueError(f"RMC has 11 to 13 fields, not {count}")
+    tod_s = time_of_day_s(fields[0])
+    day_s = day_of_ddmmyy(fields[8])
+    quality = _quality(fields[1], fields[11] if count > 11 else "")
+    if quality == 0:
+        return Reading(tod_s, day_s=day_s)
     return Reading(
-        time_of_day_s(fields[0]),
+        tod_s,
+        quality,
         latitude_deg(fields[2], fields[3]),
         longitude_deg(fields[4], fields[5]),
-        _quality(fields[1], fields[11] if count > 11 else ""),
         number(fields[6], 0.0, _MAX_SPEED_KNOTS) * KNOT_MPS,
         angle_deg(fields[7]),
         NAN,
-        day_of_ddmmyy(fields[8]),
-        signed_deg(fields[9], fields[10]),
+        day_s,
+        _variation_deg(fields[9], fields[10]),
     )
 
 
@@ -101,14 +113,19 @@ def read_gns(fields: list[str]) -> Reading:
         raise ValueError(f"GNS has 12 or 13 fields, not {len(fields)}")
     modes = fields[5]
     quality = next((QUALITY_OF_MODE[mode] for mode in _GNS_BEST_FIRST if mode in modes), 0 if modes else -1)
+    tod_s = time_of_day_s(fields[0])
+    satellites = int(number(fields[6], 0.0, 200.0)) if fields[6] else -1
+    hdop = number(fields[7], 0.0, _MAX_DOP)
+    if quality == 0:
+        return Reading(tod_s, satellites=satellites, hdop=hdop)
     return Reading(
-        time_of_day_s(fields[0]),
+        tod_s,
+        quality,
         latitude_deg(fields[1], fields[2]),
         longitude_deg(fields[3], fields[4]),
-        quality,
         altitude_m=number(fields[8], -2e4, 1e6),
-        satellites=int(number(fields[6], 0.0, 200.0)) if fields[6] else -1,
-        hdop=number(fields[7], 0.0, _MAX_DOP),
+        satellites=satellites,
+        hdop=hdop,
     )
 
 
@@ -117,11 +134,15 @@ def read_gll(fields: list[str]) -> Reading:
     count = len(fields)
     if not 6 <= count <= 7:
         raise ValueError(f"GLL has 6 or 7 fields, not {count}")
+    tod_s = time_of_day_s(fields[4])
+    quality = _quality(fields[5], fields[6] if count > 6 else "")
+    if quality == 0:
+        return Reading(tod_s)
     return Reading(
-        time_of_day_s(fields[4]),
+        tod_s,
+        quality,
         latitude_deg(fields[0], fields[1]),
         longitude_deg(fields[2], fields[3]),
-        _quality(fields[5], fields[6] if count > 6 else ""),
     )
 
 
@@ -130,13 +151,13 @@ def read_vtg(fields: list[str]) -> tuple[float, float]:
     count = len(fields)
     if not 8 <= count <= 9:
         raise ValueError(f"VTG has 8 or 9 fields, not {count}")
+    if count > 8 and fields[8] == "N":
+        return NAN, NAN
     course_deg = angle_deg(fields[0])
     if fields[4]:
         speed_mps = number(fields[4], 0.0, _MAX_SPEED_KNOTS) * KNOT_MPS
     else:
         speed_mps = number(fields[6], 0.0, _MAX_SPEED_KNOTS) * KMH_MPS
-    if count > 8 and fields[8] == "N":
-        return NAN, NAN
     return speed_mps, course_deg
 
 
@@ -160,6 +181,15 @@ def _quality(status: str, mode: str) -> int:
     if status == "V" or not status:
         return 0
     raise ValueError(f"the status {status} is neither A nor V")
+
+
+def _variation_deg(text: str, side: str) -> float:
+    if side not in ("E", "W"):  # blank, or left out as one receiver does
+        return NAN
+    variation_deg = number(text, -1e4, 1e4)
+    if abs(variation_deg) <= 180.0:
+        return -variation_deg if side == "W" else variation_deg
+    return NAN
 
 
 @lru_cache(maxsize=16)

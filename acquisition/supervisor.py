@@ -1,0 +1,200 @@
+"""The supervisor: keeps one worker alive per device and gathers their messages.
+
+It lives in the fusion process, which calls `poll` in its loop and gets messages; it blocks on nobody. A worker that
+dies is restarted with back-off, one that gives no sign of life is killed and restarted, all are ended in steps.
+A RESTART message stands in the stream where a device's decoder began anew, so that a recording can say so and its
+replay does the same.
+"""
+
+from __future__ import annotations
+
+import logging
+import selectors
+import time
+from collections.abc import Sequence
+
+from acquisition.device import DeviceSettings, DeviceState
+from acquisition.message import HELLO, LINE, RESTART, Message, MessageError
+from acquisition.watched_device import NEVER, WatchedDevice
+from acquisition.worker_process import WorkerProcess
+
+HEARTBEAT_LIMIT_S = 4.0  # a worker that was silent longer hangs: it speaks every second
+START_LIMIT_S = 15.0  # until its first word; a slow board takes seconds to start five interpreters
+STALL_S = 1.0  # a `poll` this late is our own fault: then no worker is called hung
+
+_log = logging.getLogger(__name__)
+
+
+class Supervisor:
+    """The workers of all devices.
+
+    Call it from one thread, and from one that lives as long as the workers shall: the kernel kills a worker when the
+    thread that started it ends.
+    """
+
+    def __init__(self, devices: Sequence[DeviceSettings], start_us: int) -> None:
+        """Start a worker per enabled device; `start_us` is the recording's start on the monotonic clock."""
+        self._start_us = start_us
+        self._selector = selectors.DefaultSelector()
+        self._watched = {device.name: WatchedDevice(device) for device in devices}
+        self._ended: list[WorkerProcess] = []  # killed, not yet reaped
+        self._polled_at = time.monotonic()
+        for watched in self._watched.values():
+            if watched.state.polling:
+                self._spawn(watched)
+
+    @property
+    def states(self) -> dict[str, DeviceState]:
+        """What is known about each device, by name; kept up to date in place by `poll`."""
+        return {name: watched.state for name, watched in self._watched.items()}
+
+    def fileno(self) -> int:
+        """A descriptor that is readable when `poll` has something to do: for the caller's own selector."""
+        return self._selector.fileno()
+
+    def poll(self, timeout: float) -> list[tuple[str, Message]]:
+        """Messages that came within `timeout` seconds, as (device, message), by stamp; returns at the first few.
+
+        Those of one device are in its order. A busy device cannot crowd out another: each gives at most a pipe's
+        fill (4096 bytes) at a time.
+        """
+        deadline = time.monotonic() + timeout
+        while True:
+            now = time.monotonic()
+            wait = max(0.0, min(deadline, self._due()) - now)
+            messages: list[tuple[str, Message]] = []
+            sources = 0
+            for key, _ in self._selector.select(wait):
+                received = self._receive(key.data)
+                sources += bool(received)
+                messages += received
+            self._look_after(time.monotonic())
+            if messages:
+                if sources > 1:  # in which order the pipes were read is an accident
+                    messages.sort(key=lambda entry: entry[1].t_us)
+                return messages
+            if time.monotonic() >= deadline:
+                return messages
+
+    def set_polling(self, name: str, running: bool) -> None:
+        """Start or stop one device: a stopped one has its port closed. KeyError when there is no such device."""
+        watched = self._watched[name]
+        watched.state.polling = running
+        if watched.process is not None:
+            watched.process.command("start" if running else "stop")
+        elif running and watched.restart_at == NEVER:
+            self._spawn(watched)
+
+    def retry(self, name: str) -> None:
+        """Look for a missing device at once: it was seen being plugged in."""
+        process = self._watched[name].process
+        if process is not None:
+            process.command("retry")
+
+    def reset_decoder(self, name: str) -> None:
+        """Let a device's decoder begin anew; RESTART in its stream says from where."""
+        process = self._watched[name].process
+        if process is not None:
+            process.command("reset")
+
+    def close(self) -> None:
+        """End every worker in steps (ask, terminate, kill) within 2 s; harmless when repeated."""
+        processes = self._ended + [w.process for w in self._watched.values() if w.process is not None]
+        for watched in self._watched.values():
+            self._forget(watched)
+            watched.restart_at = NEVER
+            watched.state.pid = 0
+        self._ended = []
+        remaining = processes
+        for step, patience_s in ((WorkerProcess.ask, 0.8), (WorkerProcess.terminate, 0.4), (WorkerProcess.kill, 0.6)):
+            for process in remaining:
+                step(process)
+            deadline = time.monotonic() + patience_s
+            remaining = [process for process in remaining if not process.ended_by(deadline)]
+        for process in remaining:
+            _log.error("worker %d does not die; its device driver holds it", process.pid)
+        for process in processes:
+            process.release()
+        self._selector.close()
+
+    def _due(self) -> float:
+        """When the next restart, or the next look at the heartbeats, is due (seconds on the monotonic clock)."""
+        due = self._polled_at + STALL_S / 2
+        return min([due, *(watched.restart_at for watched in self._watched.values())])
+
+    def _receive(self, watched: WatchedDevice) -> list[tuple[str, Message]]:
+        """One read of one worker's pipe; its end is the worker's."""
+        process = watched.process
+        assert process is not None
+        try:
+            messages = process.receive()
+        except MessageError as error:
+            self._bury(watched, f"sent nonsense ({error})")
+            return []
+        if messages is None:
+            self._bury(watched, "died")
+            return []
+        if messages:
+            watched.heard_at = time.monotonic()
+        received: list[tuple[str, Message]] = []
+        for message in messages:
+            if message.kind == LINE:
+                watched.state.last_line_us = message.t_us
+            elif message.kind == HELLO:
+                if watched.greeted:
+                    received.append((watched.name, Message(message.t_us, RESTART, watched.name.encode())))
+                watched.greet()
+            else:
+                watched.note(message)
+            received.append((watched.name, message))
+        return received
+
+    def _look_after(self, now: float) -> None:
+        """Kill who hangs, start who is due, reap who ended."""
+        stalled = now - self._polled_at > STALL_S
+        self._polled_at = now
+        for watched in self._watched.values():
+            if watched.process is not None:
+                if stalled:
+                    watched.heard_at = max(watched.heard_at, now - STALL_S)
+                limit = HEARTBEAT_LIMIT_S if watched.here else START_LIMIT_S
+                if now - watched.heard_at > limit:
+                    self._bury(watched, f"gave no sign of life for {limit:.0f} s and was killed")
+            elif now >= watched.restart_at:
+                self._spawn(watched)
+        if self._ended:
+            self._ended = [process for process in self._ended if not process.ended()]
+
+    def _spawn(self, watched: WatchedDevice) -> None:
+        """Start the worker of a device; a machine that cannot is asked again later."""
+        watched.restart_at = NEVER
+        try:
+            process = WorkerProcess(watched.settings, self._start_us, watched.state.polling)
+        except OSError as error:
+            watched.plan_restart()
+            _log.error("%s: its worker cannot be started (%s)", watched.name, error)
+            return
+        watched.process = process
+        watched.here = False
+        watched.started_at = watched.heard_at = time.monotonic()
+        watched.state.pid = process.pid
+        self._selector.register(process, selectors.EVENT_READ, watched)
+
+    def _bury(self, watched: WatchedDevice, what: str) -> None:
+        """Kill what is left of a worker and plan its successor."""
+        process = watched.process
+        assert process is not None
+        self._forget(watched)
+        process.kill()
+        process.release()
+        if not process.ended():
+            self._ended.append(process)
+        wait = watched.plan_restart()
+        watched.state.restarts += 1
+        watched.lose()
+        _log.error("%s: worker %d %s; restart in %.1f s", watched.name, process.pid, what, wait)
+
+    def _forget(self, watched: WatchedDevice) -> None:
+        if watched.process is not None:
+            self._selector.unregister(watched.process)
+            watched.process = None

@@ -1,0 +1,27 @@
+/* Whether a sensor is still talking: fresh until three of its periods, and at least a second, have passed in silence. */
+#ifndef SOURCE_CLOCK_H
+#define SOURCE_CLOCK_H
+
+#ifndef TINYEKF_CDEF
+#include <stdint.h>
+#endif
+
+#define SOURCE_NEVER INT64_MIN
+
+typedef struct {
+    int64_t last_us;   /* stamp of its last sample; SOURCE_NEVER before the first */
+    int64_t period_us; /* between its last two samples, at most 2 s */
+    int stopped;       /* its poll task is off */
+} source_clock_t;
+
+void source_clock_reset(source_clock_t *clock);
+
+/* Notes a sample. */
+void source_clock_tick(source_clock_t *clock, int64_t t_us);
+
+int source_clock_is_fresh(const source_clock_t *clock, int64_t now_us);
+
+/* Seconds from one stamp to a later one. INFINITY when there was none. */
+double source_seconds_since(int64_t then_us, int64_t now_us);
+
+#endif

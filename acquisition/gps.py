@@ -49,6 +49,14 @@ _CACHED_SENTENCES = 64
 _Untimed = float | tuple[float, float]
 
 
+#: Times that differ less are one UTC time: some receivers round it to 1/100 s in one sentence and not in another.
+_SAME_TIME_S = 0.0055
+
+
+def _same_time(a_s: float | None, b_s: float | None) -> bool:
+    return a_s == b_s or (a_s is not None and b_s is not None and abs(a_s - b_s) < _SAME_TIME_S)
+
+
 class _Epoch:
     """The sentences of one UTC time, as far as they have come."""
 
@@ -152,7 +160,7 @@ class GpsDecoder:
     def _timed(self, t_us: int, kind: str, fields: list[str], reading: Reading) -> list[GpsSample]:
         epoch = self._epoch
         samples: list[GpsSample] = []
-        if epoch is None or reading.tod_s != epoch.tod_s or self._begins_again(epoch, kind, reading):
+        if epoch is None or not _same_time(reading.tod_s, epoch.tod_s) or self._begins_again(epoch, kind, reading):
             samples = self._turn(t_us)
             epoch = self._open(t_us, kind, reading.tod_s)
         elif kind == "GLL" and ("GGA" in epoch.readings or "RMC" in epoch.readings):
@@ -274,9 +282,11 @@ class GpsDecoder:
         epoch.closed = True
         get = epoch.readings.get
         gga, rmc, gns, gll = get("GGA"), get("RMC"), get("GNS"), get("GLL")
+        order = [reading for reading in (gga, rmc, gns, gll) if reading is not None]
+        tod_s = order[0].tod_s
         utc_s = NAN
-        if epoch.tod_s is not None:
-            utc_s = self._utc_s(epoch.tod_s, rmc.day_s if rmc is not None else NAN)
+        if tod_s is not None:
+            utc_s = self._utc_s(tod_s, rmc.day_s if rmc is not None else NAN)
             if not self._is_in_order(epoch, utc_s):
                 return []
             self._reference_s = self._accepted_s = utc_s
@@ -284,7 +294,6 @@ class GpsDecoder:
             if not self._dated:
                 utc_s = NAN
 
-        order = [reading for reading in (gga, rmc, gns, gll) if reading is not None]
         quality = next((reading.quality for reading in order if reading.quality >= 0), -1)
         if rmc is not None and rmc.quality == 0:
             quality = 0

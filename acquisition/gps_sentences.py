@@ -162,10 +162,11 @@ def read_vtg(fields: list[str]) -> tuple[float, float]:
 
 
 def read_gsa(fields: list[str]) -> float:
-    """HDOP."""
-    if not 17 <= len(fields) <= 18:
-        raise ValueError(f"GSA has 17 or 18 fields, not {len(fields)}")
-    return number(fields[15], 0.0, _MAX_DOP)
+    """HDOP. GSA names 12 satellites; a form with 24 exists."""
+    count = len(fields)
+    if not (17 <= count <= 18 or count == 29):
+        raise ValueError(f"GSA has 17 or 18 fields, not {count}")
+    return number(fields[27 if count == 29 else 15], 0.0, _MAX_DOP)
 
 
 def read_zda(fields: list[str]) -> tuple[float | None, float]:

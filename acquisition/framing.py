@@ -60,7 +60,7 @@ class HexFraming:
     def __init__(self, frame_bytes: int) -> None:
         """`frame_bytes`: the length of a frame in bytes, start and sum included."""
         if frame_bytes < 5:
-            raise ValueError(f"a frame of {frame_bytes} bytes has no content: it takes 2 for its start and 2 for its sum")
+            raise ValueError(f"a frame of {frame_bytes} bytes has no content: start and sum take 2 bytes each")
         self.dropped: Counter[str] = Counter()
         self._frame_bytes = frame_bytes
         self._rest = b""

@@ -1,4 +1,4 @@
-"""What each GPS sentence says, as values: GGA, RMC, GNS and GLL carry a time and a position, VTG, GSA and ZDA add to it.
+"""What each GPS sentence says, as values: GGA, RMC, GNS and GLL give a time and a position; VTG, GSA and ZDA add to it.
 
 Every function takes the fields of one sentence (without address and checksum) and raises ValueError when their number
 or one of the values cannot be true: a sentence with one impossible value is not believed in the rest either. A field
@@ -178,7 +178,7 @@ def read_zda(fields: list[str]) -> tuple[float | None, float]:
 
 def _quality(status: str, mode: str) -> int:
     if status == "A":
-        return QUALITY_OF_MODE[mode] if mode in QUALITY_OF_MODE else 1
+        return QUALITY_OF_MODE.get(mode, 1)
     if status == "V" or not status:
         return 0
     raise ValueError(f"the status {status} is neither A nor V")

@@ -14,7 +14,7 @@ import pynmea2
 from .sample import NAN
 
 
-class THS(pynmea2.TalkerSentence):
+class THS(pynmea2.TalkerSentence):  # type: ignore[misc]  # pynmea2 has no types
     """True heading and status: the sentence that replaces HDT, unknown to pynmea2. Defining it here registers it."""
 
     fields = (

@@ -48,7 +48,7 @@ def read_sentence(line: bytes, checksum: bool, counts: Counter[str]) -> tuple[st
         if line[:1] == b"#":
             return "#", []
         raise SentenceError("malformed", "no sentence begins in it")
-    if line[1:2] in b"Pp":
+    if line[1:2] in (b"P", b"p"):
         return "P", []
     if b"_" in line:  # which float() would read over
         raise SentenceError("malformed", "a character that no sentence has")

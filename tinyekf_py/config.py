@@ -1,0 +1,368 @@
+"""The configuration: a TOML file laid over defaults that suit the reference boat.
+
+`load_config` reads a file, `config_text` writes one that documents every key, `result_config` gives the keys that
+shape the result for a recording's `#config` lines, and `apply_flat` lays such lines (or a command line's options) over
+a configuration. Whatever is unknown or not allowed is a `ConfigError` of one line.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+from acquisition.decoder import DRIVERS, DecoderConfigError, make_decoder
+from acquisition.sample import MAX_GPS, SOURCES
+from acquisition.toml_value import toml_value
+from tinyekf_py.config_key import (
+    ConfigError,
+    boolean,
+    choice,
+    integer,
+    key,
+    keys_of,
+    nearest_of,
+    nonempty_text,
+    number,
+    numbers,
+    text,
+)
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+__all__ = ["METHODS", "Config", "ConfigError", "apply_flat", "config_text", "load_config", "result_config"]
+
+METHODS = ("cnw-ekf", "cnw3", "ekf-ci")
+Section = TypeVar("Section", bound="DataclassInstance")
+
+DEFAULT_GPS = ("gps1", "gps2", "gps3")
+
+_baud = integer(50, 4_000_000)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VesselConfig:
+    """The boat."""
+
+    variation_deg: float | str = key(
+        "auto",
+        "Magnetic variation; auto takes it from the World Magnetic Model, else from the GPS or the compass.",
+        number(-180, 180, or_word="auto"),
+        unit="degrees, east positive",
+        shapes_result=True,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorConfig:
+    """What every sensor has."""
+
+    decoder_options: ClassVar[tuple[str, ...]] = ()
+
+    enabled: bool = key(True, "Whether the boat has this sensor and it is used.", boolean, shapes_result=True)
+    port: str = key(
+        "", "Where it is: a device such as /dev/ttyUSB0, or a URL such as socket://host:port.", nonempty_text
+    )
+    driver: str
+    baud: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GpsConfig(SensorConfig):
+    """A GPS receiver."""
+
+    decoder_options: ClassVar[tuple[str, ...]] = ("checksum",)
+
+    driver: str = key("nmea", "What it speaks: nmea is NMEA 0183.", choice(*DRIVERS["gps"]), shapes_result=True)
+    baud: int = key(
+        9600, "Speed of a serial port; 9600 is u-blox's own, and a receiver's USB port ignores it.", _baud, unit="baud"
+    )
+    checksum: bool = key(True, "Whether a sentence without a checksum is dropped.", boolean, shapes_result=True)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CompassConfig(SensorConfig):
+    """The electronic compass."""
+
+    decoder_options: ClassVar[tuple[str, ...]] = ("checksum",)
+
+    driver: str = key("nmea", "What it speaks: nmea is NMEA 0183.", choice(*DRIVERS["compass"]), shapes_result=True)
+    baud: int = key(9600, "Speed of a serial port; older NMEA compasses have 4800.", _baud, unit="baud")
+    checksum: bool = key(True, "Whether a sentence without a checksum is dropped.", boolean, shapes_result=True)
+    deviation: tuple[float, ...] = key(
+        (0.0, 0.0, 0.0, 0.0, 0.0),
+        "Deviation A + B sin z + C cos z + D sin 2z + E cos 2z at compass heading z, as [A, B, C, D, E].",
+        numbers("ABCDE", -180, 180),
+        unit="degrees, east positive",
+        shapes_result=True,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImuConfig(SensorConfig):
+    """The inertial measurement unit."""
+
+    decoder_options: ClassVar[tuple[str, ...]] = ("groups",)
+
+    driver: str = key(
+        "ebimu-ascii", "What it speaks: ebimu-ascii or ebimu-hex.", choice(*DRIVERS["imu"]), shapes_result=True
+    )
+    baud: int = key(115200, "Speed of a serial port.", _baud, unit="baud")
+    groups: str = key(
+        "gyro,accel", "Which groups follow roll, pitch and yaw: of gyro, accel and mag.", text, shapes_result=True
+    )
+    mount: tuple[float, ...] = key(
+        (0.0, 0.0, 0.0),
+        "How the IMU is turned in the boat, a rotation from its axes to the boat's, as [roll, pitch, yaw].",
+        numbers(("roll", "pitch", "yaw"), -180, 180),
+        unit="degrees",
+        shapes_result=True,
+    )
+    accel: str = key(
+        "gravity",
+        "What the accelerometer shows at rest and level: gravity is (0, 0, +1) g, specific-force (0, 0, -1) g.",
+        choice("gravity", "specific-force"),
+        shapes_result=True,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CnwEkfConfig:
+    """Method cnw-ekf."""
+
+    gps: int = key(
+        1, "The receiver whose filter gives the heading: 1 for gps1.", integer(1, MAX_GPS), shapes_result=True
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FusionConfig:
+    """How the sensors become one heading."""
+
+    method: str = key(
+        "cnw3",
+        "cnw-ekf (one filter), cnw3 (one per receiver, weighed) or ekf-ci (covariance intersection).",
+        choice(*METHODS),
+        shapes_result=True,
+    )
+    max_sigma_deg: float = key(
+        30.0,
+        "A heading whose standard deviation is above this is invalid, and not given.",
+        number(0.1, 180),
+        unit="degrees",
+        shapes_result=True,
+    )
+    cnw_ekf: CnwEkfConfig = CnwEkfConfig()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OutputsConfig:
+    """Files that a live run writes; an old file of that name is replaced."""
+
+    csv: str = key("", "The heading CSV, ten rows a second; empty for none.", text)
+    recording: str = key("", "The recording of every line received, for replays; empty for none.", text)
+
+
+def default_sensor(name: str) -> SensorConfig:
+    """The sensor `name` (of `SOURCES`) as it is unless configured otherwise."""
+    if name == "compass":
+        return CompassConfig(port="/dev/fjEC")
+    if name == "imu":
+        return ImuConfig(port="/dev/fjIMU")
+    return GpsConfig(port=f"/dev/fjGPS{SOURCES[name] + 1}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Config:
+    """All of it. `sensors` has the three default receivers, the compass and the IMU, and what a file added."""
+
+    vessel: VesselConfig = VesselConfig()
+    sensors: Mapping[str, SensorConfig] = field(
+        default_factory=lambda: {name: default_sensor(name) for name in (*DEFAULT_GPS, "compass", "imu")}
+    )
+    fusion: FusionConfig = FusionConfig()
+    outputs: OutputsConfig = OutputsConfig()
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Names of the enabled sensors, GPS first, in the order of their numbers."""
+        return tuple(name for name in SOURCES if name in self.sensors and self.sensors[name].enabled)
+
+    @property
+    def n_gps(self) -> int:
+        """The highest number of an enabled GPS; 0 without one."""
+        return max((SOURCES[name] + 1 for name in self.sources if name.startswith("gps")), default=0)
+
+    def decoder_options(self, name: str) -> dict[str, object]:
+        """The options with which `acquisition.decoder.make_decoder` makes the decoder of sensor `name`."""
+        sensor = self.sensors[name]
+        return {option: getattr(sensor, option) for option in sensor.decoder_options}
+
+
+def load_config(path: str | Path) -> Config:
+    """The configuration in the TOML file `path`, laid over the defaults."""
+    try:
+        with open(path, "rb") as file:
+            tables = tomllib.load(file)
+    except OSError as error:
+        raise ConfigError(f"cannot read configuration {path}: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path} is not TOML: it is not UTF-8 text") from error
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ConfigError(f"{path} is not TOML: {error}") from error
+    return _lay_over(Config(), tables, str(path))
+
+
+def apply_flat(config: Config, flat: Mapping[str, object], where: str) -> Config:
+    """`config` with the dotted keys of `flat` in place of its own; `where` names their origin in errors."""
+    tables: dict[str, Any] = {}
+    for dotted, value in flat.items():
+        *sections, name = dotted.split(".")
+        table = tables
+        for section in sections:
+            table = table.setdefault(section, {})
+            if not isinstance(table, dict):
+                raise ConfigError(f"{where}: {dotted} is not a key")
+        table[name] = value
+    return _lay_over(config, tables, where)
+
+
+def flat_config(config: Config) -> dict[str, object]:
+    """Every key and its value, dotted: what `apply_flat` takes."""
+    return {dotted: value for dotted, value, _ in _entries(config)}
+
+
+def result_config(config: Config) -> dict[str, object]:
+    """The dotted keys that shape the result, for a recording: method, vessel, which sensors, how they are read."""
+    absent = tuple(f"sensors.{name}." for name, sensor in config.sensors.items() if not sensor.enabled)
+    return {
+        dotted: value
+        for dotted, value, shapes_result in _entries(config)
+        if shapes_result and (not dotted.startswith(absent) or dotted.endswith(".enabled"))
+    }
+
+
+def _entries(config: Config) -> Iterator[tuple[str, object, bool]]:
+    for name, section in _sections(config):
+        for key_name, declared in keys_of(section).items():
+            yield f"{name}.{key_name}", getattr(section, key_name), declared.shapes_result
+
+
+def _sections(config: Config) -> Iterator[tuple[str, object]]:
+    yield "vessel", config.vessel
+    for name in SOURCES:
+        if name in config.sensors:
+            yield f"sensors.{name}", config.sensors[name]
+    yield "fusion", config.fusion
+    yield "fusion.cnw-ekf", config.fusion.cnw_ekf
+    yield "outputs", config.outputs
+
+
+def _lay_over(config: Config, tables: Mapping[str, Any], where: str) -> Config:
+    for name in tables:
+        if name not in ("vessel", "sensors", "fusion", "outputs"):
+            raise _unknown(name, where, ["vessel", "sensors", "fusion", "outputs"])
+    sensors = dict(config.sensors)
+    for name, table in _table(tables, "sensors", where).items():
+        if name not in SOURCES:
+            raise _unknown(f"sensors.{name}", where, [f"sensors.{source}" for source in SOURCES])
+        sensors[name] = _section(sensors.get(name) or default_sensor(name), f"sensors.{name}", table, where)
+    fusion_table = dict(_table(tables, "fusion", where))
+    cnw_ekf = _section(config.fusion.cnw_ekf, "fusion.cnw-ekf", fusion_table.pop("cnw-ekf", {}), where)
+    changed = Config(
+        vessel=_section(config.vessel, "vessel", tables.get("vessel", {}), where),
+        sensors=sensors,
+        fusion=dataclasses.replace(_section(config.fusion, "fusion", fusion_table, where), cnw_ekf=cnw_ekf),
+        outputs=_section(config.outputs, "outputs", tables.get("outputs", {}), where),
+    )
+    _check_whole(changed, where)
+    return changed
+
+
+def _table(tables: Mapping[str, Any], name: str, where: str) -> Mapping[str, Any]:
+    table = tables.get(name, {})
+    if not isinstance(table, Mapping):
+        raise ConfigError(f"{where}: {name} must be a table, [{name}], not {_shown(table)}")
+    return table
+
+
+def _section(section: Section, name: str, table: object, where: str) -> Section:
+    if not isinstance(table, Mapping):
+        raise ConfigError(f"{where}: {name} must be a table, [{name}], not {_shown(table)}")
+    declared = keys_of(section)
+    changes = {}
+    for key_name, value in table.items():
+        if key_name not in declared:
+            raise _unknown(f"{name}.{key_name}", where, [f"{name}.{known}" for known in declared])
+        try:
+            changes[key_name] = declared[key_name].check(value)
+        except ValueError as error:
+            raise ConfigError(f"{where}: {name}.{key_name} = {_shown(value)} {error}") from error
+    return dataclasses.replace(section, **changes)
+
+
+def _check_whole(config: Config, where: str) -> None:
+    """What no key can tell alone."""
+    for name in config.sources:
+        try:
+            make_decoder(name, config.sensors[name].driver, config.decoder_options(name))
+        except DecoderConfigError as error:
+            raise ConfigError(f"{where}: sensors.{error}") from error
+    chosen = f"gps{config.fusion.cnw_ekf.gps}"
+    if config.fusion.method == "cnw-ekf" and config.n_gps and chosen not in config.sources:
+        present = ", ".join(name.removeprefix("gps") for name in config.sources if name.startswith("gps"))
+        raise ConfigError(
+            f"{where}: fusion.cnw-ekf.gps = {config.fusion.cnw_ekf.gps} is not an enabled receiver; there is {present}"
+        )
+
+
+def _unknown(dotted: str, where: str, here: list[str]) -> ConfigError:
+    everywhere = [*flat_config(Config()), *here]
+    elsewhere = [known for known in everywhere if known.rpartition(".")[2] == dotted.rpartition(".")[2]]
+    close_here = get_close_matches(dotted.rpartition(".")[2], [known.rpartition(".")[2] for known in here], 1, 0.6)
+    nearest = nearest_of(dotted, elsewhere if elsewhere and not close_here else here)
+    return ConfigError(f"{where}: {dotted} is not a key; did you mean {nearest}?")
+
+
+def _shown(value: object) -> str:
+    try:
+        return toml_value(value)
+    except TypeError:  # a table or a date where neither can stand
+        return "a table" if isinstance(value, Mapping) else str(value)
+
+
+def config_text(config: Config | None = None) -> str:
+    """A complete TOML file that says what `config` (the defaults without one) says and documents every key."""
+    config = config or Config()
+    defaults = Config()
+    lines = [
+        "# Configuration of tinyekf. Every key is optional: what is left out has the default given here.",
+        "# Sensors are gps1 to gps8, compass and imu; a table [sensors.gps4] adds a fourth receiver.",
+    ]
+    documented: set[type] = set()
+    for name, section in _sections(config):
+        lines += ["", f"[{name}]"]
+        repeated = type(section) in documented
+        documented.add(type(section))
+        lines.append("# The keys are those of the first receiver." if repeated else f"# {_first_line(section)}")
+        default = _default_section(name, defaults)
+        for key_name, declared in keys_of(section).items():
+            if not repeated:
+                unit = f"Unit: {declared.unit}. " if declared.unit else ""
+                lines += [f"# {declared.doc}", f"# {unit}Default: {toml_value(getattr(default, key_name))}"]
+            lines.append(f"{key_name} = {toml_value(getattr(section, key_name))}")
+    return "\n".join(lines) + "\n"
+
+
+def _first_line(section: object) -> str:
+    return (type(section).__doc__ or "").partition("\n")[0]
+
+
+def _default_section(name: str, defaults: Config) -> object:
+    known = dict(_sections(defaults))
+    return known[name] if name in known else default_sensor(name.removeprefix("sensors."))

@@ -69,6 +69,7 @@ class GpsReceiver:
         self._white_velocity_mps = half
         self._log_hdop = SmoothGaussMarkov(grade.hdop_spread, 90.0, EPOCH_S, rng)
         self._has_dgps = rng.random() < grade.dgps_share
+        self._jump_rng = random.Random(f"jumps of {source} {seed}")
         self._jump_m = (0.0, 0.0)
         self._jump_mps = (0.0, 0.0)
         self._next_jump_s = 0.0
@@ -130,8 +131,8 @@ class GpsReceiver:
         if fault is None:
             self._jump_m = (0.0, 0.0)
         elif t_s >= self._next_jump_s:
-            self._next_jump_s = t_s + self._rng.uniform(*fault.hold_s)
-            direction = self._rng.uniform(0.0, math.tau)
+            self._next_jump_s = t_s + self._jump_rng.uniform(*fault.hold_s)
+            direction = self._jump_rng.uniform(0.0, math.tau)
             sin, cos = math.sin(direction), math.cos(direction)
             self._jump_m = (0.0, 0.0) if any(self._jump_m) else (fault.size_m * cos, fault.size_m * sin)
             self._jump_mps = (fault.velocity_mps * cos, fault.velocity_mps * sin)

@@ -17,6 +17,7 @@ from __future__ import annotations
 import struct
 from collections import Counter
 from collections.abc import Sequence
+from math import hypot
 from operator import itemgetter, le, truediv
 
 from .framing import HexFraming, LineFraming, frame_sum_is_right
@@ -30,6 +31,9 @@ _GROUPS = {
     "mag": (9, 5000.0, 10.0),
 }
 _COLUMNS = 12
+#: Norms that no value beyond its limit can be part of.
+_PASSES = 360.0
+_PASSES_ACCEL = 32.0
 
 
 class GroupsError(ValueError):
@@ -52,6 +56,8 @@ class _EbimuDecoder:
         self._limits = tuple(_GROUPS[name][1] for name in names for _ in range(3))
         self._units = tuple(_GROUPS[name][2] for name in names for _ in range(3))
         self._count = 3 * len(names)
+        first = 3 * names.index("accel") if "accel" in names else 0
+        self._accel = slice(first, first + 3 if first else 0)
         sent = [_GROUPS[name][0] + axis for name in names for axis in range(3)]
         # For each column of a sample, where its value stands in (*values, NAN).
         picks = [sent.index(column) if column in sent else self._count for column in range(_COLUMNS)]
@@ -59,7 +65,10 @@ class _EbimuDecoder:
         self._pick = itemgetter(*picks)
 
     def _sample(self, t_us: int, values: tuple[float, ...], line: bytes) -> Sequence[ImuSample]:
-        if not all(map(le, map(abs, values), self._limits)):  # false for NaN too
+        # Nearly every line passes the norms, which are quick; both questions are false for NaN and infinity.
+        if not (hypot(*values) <= _PASSES and hypot(*values[self._accel]) <= _PASSES_ACCEL) and not all(
+            map(le, map(abs, values), self._limits)
+        ):
             return self._refuse("malformed", line, "a value cannot be")
         self.counts["samples"] += 1
         if self._in_order:

@@ -35,9 +35,20 @@ from tinyekf_py.config_key import (
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-__all__ = ["METHODS", "Config", "ConfigError", "apply_flat", "config_text", "load_config", "result_config"]
+__all__ = [
+    "METHODS",
+    "PAPER_METHODS",
+    "Config",
+    "ConfigError",
+    "apply_flat",
+    "config_text",
+    "load_config",
+    "result_config",
+]
 
-METHODS = ("cnw-ekf", "cnw3", "ekf-ci")
+#: The methods of the papers: their standard deviation is that of their own covariance, and uncalibrated.
+PAPER_METHODS = ("cnw-ekf", "cnw3", "ekf-ci")
+METHODS = PAPER_METHODS
 Section = TypeVar("Section", bound="DataclassInstance")
 
 DEFAULT_GPS = ("gps1", "gps2", "gps3")

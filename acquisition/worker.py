@@ -22,7 +22,7 @@ import time
 from collections import Counter
 from typing import NamedTuple
 
-from acquisition.decoder import make_decoder
+from acquisition.decoder import Decoder, make_decoder
 from acquisition.message import COUNTS, ERROR, HELLO, LINE, LOG, PORT, pack_line, pack_text
 from acquisition.outbox import Outbox
 from acquisition.port import READ_SIZE
@@ -43,7 +43,7 @@ class WorkerSettings(NamedTuple):
     port: str
     driver: str
     baud: int
-    options: dict[str, object]  #: of the decoder
+    options: dict[str, object]  #: of the decoder, and `period_ms`
     polling: bool  #: open the port at once
     start_us: int  #: of the recording, on the monotonic clock; stamps count from here
     parent_pid: int
@@ -57,13 +57,14 @@ class Worker:
         self._out_fd = out_fd
         self._control_fd = control_fd
         self._start_us = settings.start_us
-        self._decoder = make_decoder(settings.name, settings.driver, settings.options)
+        self._decoder_options = settings.options.copy()
+        period = self._decoder_options.pop("period_ms", 0)
+        self._decoder = self._fresh_decoder()
         self._framing = self._decoder.framing()
         self._framed_opens = 0  # the opening of the port that the framing has seen from its start
         self._past_counts: Counter[str] = Counter()  # of decoders and framings that were replaced
         self._counts = Counter({"bytes": 0, "wakeups": 0})
         self._outbox = Outbox(out_fd, self._encode)
-        period = settings.options.get("period_ms", 0)
         period_us = round(1000 * period) if isinstance(period, (int, float)) else 0
         self._watch = PortWatch(settings.port, settings.baud, period_us, self._report_port)
         self._flood_limit = max(FLOOD_BYTES_S, settings.baud // 5)  # bytes per second
@@ -156,6 +157,9 @@ class Worker:
         self._counts["flood-bytes"] += drained
         self._framing_anew()
 
+    def _fresh_decoder(self) -> Decoder:
+        return make_decoder(self._settings.name, self._settings.driver, self._decoder_options)
+
     def _framing_anew(self) -> None:
         """Forget a half line: its other half will not come."""
         self._past_counts.update(self._framing.dropped)
@@ -183,10 +187,9 @@ class Worker:
         if kind == LINE:
             return pack_line(t_us, payload, self._decoder.decode(t_us, payload))
         if kind == HELLO:
-            settings = self._settings
             self._past_counts.update(self._decoder.counts)
-            self._decoder = make_decoder(settings.name, settings.driver, settings.options)
-            payload = json.dumps({"pid": os.getpid(), "driver": settings.driver}).encode()
+            self._decoder = self._fresh_decoder()
+            payload = json.dumps({"pid": os.getpid(), "driver": self._settings.driver}).encode()
         elif kind == COUNTS:
             payload = json.dumps(self._all_counts(t_us)).encode()
         return pack_text(t_us, kind, payload)

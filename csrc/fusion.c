@@ -56,10 +56,15 @@ ekf_status_t fusion_init(fusion_t *fusion, const fusion_settings_t *settings)
     return EKF_ACCEPTED;
 }
 
+int fusion_has_gps(const fusion_t *fusion, int i)
+{
+    return i >= 0 && i < fusion->settings.n_gps && !(fusion->settings.absent_gps >> i & 1u);
+}
+
 int fusion_uses_filter(const fusion_t *fusion, int i)
 {
     const int of_method = fusion->settings.method != FUSION_CNW_EKF || i == fusion->settings.ekf_gps;
-    return i < fusion->settings.n_gps && of_method && !fusion->stopped[FUSION_EKF1 + i];
+    return fusion_has_gps(fusion, i) && of_method && !fusion->stopped[FUSION_EKF1 + i];
 }
 
 double fusion_rate(const fusion_t *fusion, int64_t now_us)
@@ -74,12 +79,16 @@ double fusion_gpsec(const fusion_t *fusion, int64_t now_us)
     if (fusion->stopped[FUSION_STAGE2]) {
         return NAN;
     }
+    int n = 0;
     for (int i = 0; i < fusion->settings.n_gps; i++) {
-        azimuth[i] = receiver_azimuth(&fusion->gps[i], now_us);
-        weight[i] = receiver_weight(&fusion->gps[i], now_us);
+        if (fusion_has_gps(fusion, i)) {
+            azimuth[n] = receiver_azimuth(&fusion->gps[i], now_us);
+            weight[n] = receiver_weight(&fusion->gps[i], now_us);
+            n++;
+        }
     }
     const double compass = source_clock_is_fresh(&fusion->compass_clock, now_us) ? fusion->compass : NAN;
-    return cnw_stage2(azimuth, weight, fusion->settings.n_gps, compass);
+    return cnw_stage2(azimuth, weight, n, compass);
 }
 
 static void advance(fusion_t *fusion, int i, double speed)
@@ -268,7 +277,7 @@ static fusion_verdict_t judge(fusion_t *fusion, const sample_t *sample)
 {
     const int source = sample->source;
     const fusion_settings_t *settings = &fusion->settings;
-    if (!((source >= 0 && source < settings->n_gps) || (source == SAMPLE_COMPASS && settings->has_compass) ||
+    if (!(fusion_has_gps(fusion, source) || (source == SAMPLE_COMPASS && settings->has_compass) ||
           (source == SAMPLE_IMU && settings->has_imu))) {
         return FUSION_UNKNOWN;
     }

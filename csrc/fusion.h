@@ -32,7 +32,8 @@ enum { FUSION_STAGE1 = 0, FUSION_STAGE2 = 1, FUSION_STAGE3 = 2, FUSION_EKF1 = 3,
 
 typedef struct {
     fusion_method_t method;
-    int n_gps;            /* receivers configured, 0 to 8: gps1 to gpsN */
+    int n_gps;            /* highest number of a receiver configured, 0 to 8 */
+    uint32_t absent_gps;  /* bit i: gps(i+1), though numbered, is not aboard */
     int has_compass;      /* configured */
     int has_imu;          /* configured */
     int ekf_gps;          /* the receiver whose filter cnw-ekf runs, from 0 */
@@ -133,6 +134,9 @@ void fusion_set_poll(fusion_t *fusion, int source, int running);
 
 /* GPSEC_yaw of stage 2 at a moment, rad; NaN: none. */
 double fusion_gpsec(const fusion_t *fusion, int64_t now_us);
+
+/* Whether receiver i (from 0) is configured. */
+int fusion_has_gps(const fusion_t *fusion, int i);
 
 /* Whether the filter of receiver i belongs to the method and is not stopped. */
 int fusion_uses_filter(const fusion_t *fusion, int i);

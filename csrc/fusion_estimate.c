@@ -126,10 +126,12 @@ static fusion_mode_t heading_mode(const fusion_t *fusion, int64_t t_us, const an
 {
     const int compass = source_clock_is_fresh(&fusion->compass_clock, t_us);
     const int imu = source_clock_is_fresh(&fusion->imu_clock, t_us);
+    int aboard = 0;
     int azimuths = 0;
     int fixes = 0;
     double weights = 0.0;
     for (int i = 0; i < fusion->settings.n_gps; i++) {
+        aboard += fusion_has_gps(fusion, i);
         azimuths += isfinite(receiver_azimuth(&fusion->gps[i], t_us));
         fixes += receiver_has_fix(&fusion->gps[i], t_us);
         weights += receiver_weight(&fusion->gps[i], t_us);
@@ -144,9 +146,9 @@ static fusion_mode_t heading_mode(const fusion_t *fusion, int64_t t_us, const an
     for (int task = 0; task < FUSION_EKF1 + fusion->settings.n_gps; task++) {
         stopped |= fusion->stopped[task];
     }
-    const int all_there = fixes == fusion->settings.n_gps && (compass || !fusion->settings.has_compass) &&
+    const int all_there = fixes == aboard && (compass || !fusion->settings.has_compass) &&
                           (imu || !fusion->settings.has_imu);
-    const int unweighed = fusion->settings.n_gps > 0 && !(weights > 0.0);
+    const int unweighed = aboard > 0 && !(weights > 0.0);
     return all_there && !stopped && !unweighed ? FUSION_OK : FUSION_DEGRADED;
 }
 
@@ -173,7 +175,7 @@ void fusion_estimate(const fusion_t *fusion, int64_t t_us, estimate_t *estimate)
                              .lat_deg = NAN,
                              .lon_deg = NAN};
     for (int i = 0; i < SAMPLE_MAX_GPS; i++) {
-        const int configured = i < fusion->settings.n_gps;
+        const int configured = fusion_has_gps(fusion, i);
         const double azimuth = configured ? receiver_azimuth(&fusion->gps[i], t_us) : NAN;
         estimate->weight[i] = configured ? receiver_weight(&fusion->gps[i], t_us) : NAN;
         estimate->faz_deg[i] = angle_to_bearing_deg(azimuth);

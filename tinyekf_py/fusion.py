@@ -1,0 +1,242 @@
+"""HeadingFusion: samples in, one heading out; the Python face of the C core's whole pipeline (`csrc/fusion.h`).
+
+The live program, the replay and a notebook all feed the same object: what a live run wrote, its replay writes again.
+`docs/fusion.md` says what it computes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.sample import COMPASS, IMU, MAX_GPS, SAMPLE_SIZE, SOURCES, Sample
+from tinyekf_py._core import ffi, lib
+from tinyekf_py.estimate import Estimate, estimates_to_array
+from tinyekf_py.variation import VariationError, variation_deg
+
+METHODS = {"cnw-ekf": lib.FUSION_CNW_EKF, "cnw3": lib.FUSION_CNW3, "ekf-ci": lib.FUSION_EKF_CI}
+
+#: Every task that can be started and stopped: the polls are named as their sources, then the stages and filters.
+STAGES = {
+    "cnw-s1": lib.FUSION_STAGE1,
+    "cnw-s2": lib.FUSION_STAGE2,
+    "cnw-s3": lib.FUSION_STAGE3,
+    **{f"ekf{i + 1}": lib.FUSION_EKF1 + i for i in range(MAX_GPS)},
+}
+
+_MODES = {
+    lib.FUSION_OK: "ok",
+    lib.FUSION_DEGRADED: "degraded",
+    lib.FUSION_DEAD_RECKONING: "dead-reckoning",
+    lib.FUSION_GPS: "gps",
+    lib.FUSION_INVALID: "invalid",
+}
+_NEVER = -(2**63)  # SOURCE_NEVER
+_ROWS = 1024  # taken from C at a time
+_REFUSALS = {
+    lib.FUSION_NO_VARIATION: "compass not used: the magnetic variation is unknown; set vessel.variation_deg",
+    lib.FUSION_BACKWARDS: "samples dropped: their time runs backwards",
+}
+
+
+class HeadingFusion:
+    """Fuses samples of GPS receivers, compass and IMU to one true heading with its standard deviation.
+
+    A pure function of its options and the sequence of samples and task switches. Not thread-safe.
+    """
+
+    def __init__(
+        self,
+        method: str = "cnw3",
+        *,
+        n_gps: int | None = None,
+        sources: Sequence[str] = ("gps1", "gps2", "gps3", "compass", "imu"),
+        variation_deg: float | str = "auto",
+        deviation_deg: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0),
+        mount_deg: Sequence[float] = (0.0, 0.0, 0.0),
+        accel: str = "gravity",
+        max_sigma_deg: float = 30.0,
+        ekf_gps: int = 1,
+    ) -> None:
+        """`sources` are the sensors aboard; `n_gps` = N is short for gps1 to gpsN in their place.
+
+        `variation_deg`: degrees, east positive, or "auto" (World Magnetic Model, else the sentences').
+        `deviation_deg`: A to E of the compass. `mount_deg`: roll, pitch, yaw of the rotation that turns the IMU's
+        axes into the boat's. `accel`: "gravity" or "specific-force". `ekf_gps`: whose filter `cnw-ekf` runs.
+        ValueError for what is unknown or out of range.
+        """
+        if method not in METHODS:
+            raise ValueError(f"method {method!r}; there are {', '.join(METHODS)}")
+        if n_gps is not None:
+            sources = [*(f"gps{i + 1}" for i in range(n_gps)), *(s for s in sources if not s.startswith("gps"))]
+        unknown = [source for source in sources if source not in SOURCES]
+        if unknown:
+            raise ValueError(f"source {unknown[0]!r}; there are {', '.join(SOURCES)}")
+        numbers = {SOURCES[source] for source in sources}
+        gps = {number for number in numbers if number < MAX_GPS}
+        if accel not in ("gravity", "specific-force"):
+            raise ValueError(f"accel {accel!r}; there are gravity and specific-force")
+        if isinstance(variation_deg, str) and variation_deg != "auto":
+            raise ValueError(f"variation_deg {variation_deg!r}; give degrees or 'auto'")
+
+        settings = ffi.new("fusion_settings_t *", lib.fusion_default_settings)
+        settings.method = METHODS[method]
+        settings.n_gps = max(gps, default=-1) + 1
+        settings.absent_gps = sum(1 << i for i in range(settings.n_gps) if i not in gps)
+        settings.has_compass = COMPASS in numbers
+        settings.has_imu = IMU in numbers
+        settings.ekf_gps = ekf_gps - 1
+        settings.deviation = [math.radians(term) for term in deviation_deg]
+        settings.variation = math.nan if isinstance(variation_deg, str) else math.radians(variation_deg)
+        settings.wants_variation = isinstance(variation_deg, str) and COMPASS in numbers
+        settings.mount = _rotation(mount_deg)
+        settings.specific_force = accel == "specific-force"
+        settings.max_sigma = math.radians(max_sigma_deg)
+        self._fusion = ffi.new("fusion_t *")
+        if lib.fusion_init(self._fusion, settings) != lib.EKF_ACCEPTED:
+            raise ValueError("a number among the fusion's options is not finite or out of range")
+        self.method = method
+        self.n_gps = int(settings.n_gps)
+        self._rows = ffi.new("estimate_t[]", _ROWS)
+        self._n_rows = ffi.new("int *")
+        self._notices: list[str] = []
+        self._told: set[str] = set()
+
+    def feed(self, sample: Sample) -> Estimate | None:
+        """Take one sample; the estimate at its moment, None while there is no heading.
+
+        The rows of the 100 ms grid are `feed_records`' and `run`'s affair.
+        """
+        self.feed_records(sample.pack())
+        estimate = self.estimate
+        return None if estimate is None or estimate.mode == "invalid" else estimate
+
+    def feed_records(self, records: bytes) -> list[Estimate]:
+        """Take packed samples (a multiple of 112 bytes) in order; the grid rows that they completed, oldest first."""
+        return [self._estimate_of(row) for chunk, n in self._run(records) for row in chunk[0:n]]
+
+    def run(self, samples: NDArray[np.void] | bytes) -> NDArray[np.void]:
+        """Take many samples (packed, or an array of `sample_dtype`); their grid rows as an array.
+
+        Its columns are those of the heading CSV (`estimate.estimate_dtype`).
+        """
+        records = samples if isinstance(samples, bytes) else samples.tobytes()
+        return estimates_to_array(self.feed_records(records), self.n_gps)
+
+    def set_task(self, t_us: int, name: str, running: bool) -> list[Estimate]:
+        """Start or stop a task (a source's poll, cnw-s1 to -s3, ekf1 to ekf8) at `t_us`; the rows due before it.
+
+        ValueError when there is no such task.
+        """
+        if name not in STAGES and name not in SOURCES:
+            raise ValueError(f"task {name!r}; there are {', '.join((*SOURCES, *STAGES))}")
+        rows = []
+        while lib.fusion_next_row(self._fusion, t_us, self._rows):
+            rows.append(self._estimate_of(self._rows[0]))
+        if name in STAGES:
+            lib.fusion_set_task(self._fusion, STAGES[name], running)
+        else:
+            lib.fusion_set_poll(self._fusion, SOURCES[name], running)
+        return rows
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """The estimate at the newest sample's moment; None before the first sample."""
+        return None if self._fusion.now_us == _NEVER else self.estimate_at(self._fusion.now_us)
+
+    def estimate_at(self, t_us: int) -> Estimate:
+        """The estimate at a moment that is not before the newest sample."""
+        lib.fusion_estimate(self._fusion, t_us, self._rows)
+        return self._estimate_of(self._rows[0])
+
+    @property
+    def verdicts(self) -> dict[str, int]:
+        """How many samples were taken, and not taken, by reason."""
+        names = ("taken", "stopped", "unknown-source", "backwards", "incomplete", "no-variation")
+        return dict(zip(names, self._fusion.verdicts, strict=True))
+
+    def take_notices(self) -> list[str]:
+        """What a user should know and has not been told yet, a line each."""
+        for verdict, text in _REFUSALS.items():
+            if self._fusion.verdicts[verdict] and text not in self._told:
+                self._notice(text)
+        notices, self._notices = self._notices, []
+        return notices
+
+    def _notice(self, text: str) -> None:
+        if text not in self._told:
+            self._told.add(text)
+            self._notices.append(text)
+
+    def _run(self, records: bytes) -> Any:
+        """Feed records; yields (rows, how many) as often as the row buffer was filled."""
+        samples = ffi.from_buffer("sample_t[]", records)
+        n = len(records) // SAMPLE_SIZE
+        if n * SAMPLE_SIZE != len(records):
+            raise ValueError(f"{len(records)} bytes are no whole number of {SAMPLE_SIZE}-byte samples")
+        fed = 0
+        while fed < n:
+            fed += lib.fusion_run(self._fusion, samples + fed, n - fed, self._rows, _ROWS, self._n_rows)
+            if self._n_rows[0]:
+                yield self._rows, self._n_rows[0]
+            if self._fusion.variation_wanted:
+                self._look_up_variation()
+
+    def _look_up_variation(self) -> None:
+        fusion = self._fusion
+        variation = math.nan
+        try:
+            when = datetime.fromtimestamp(fusion.variation_utc_s, UTC)
+            variation = variation_deg(fusion.variation_lat_deg, fusion.variation_lon_deg, when.date())
+        except (VariationError, OverflowError, OSError, ValueError) as error:
+            self._notice(str(error))
+        lib.fusion_set_variation(fusion, math.radians(variation))
+
+    def _estimate_of(self, row: Any) -> Estimate:
+        n = self.n_gps
+        return Estimate(
+            row.t_us,
+            row.heading_deg,
+            row.heading_sigma_deg,
+            row.rate_of_turn_dps,
+            row.lat_deg,
+            row.lon_deg,
+            _MODES[row.mode],
+            _MODES[row.pos_mode],
+            tuple(row.weight[0:n]),
+            tuple(row.faz_deg[0:n]),
+            row.gpsec_deg,
+            tuple(row.ekf_deg[0:n]),
+        )
+
+
+def _rotation(mount_deg: Sequence[float]) -> list[list[float]]:
+    """Rotation matrix from the IMU's axes to the boat's, by roll about x, then pitch about y, then yaw about z."""
+    roll, pitch, yaw = (math.radians(angle) for angle in mount_deg)
+    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
+    return [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+
+
+#: A sample record as a NumPy row: fields of all three kinds lie over each other, `source` says which are meant.
+sample_dtype = np.dtype(
+    {
+        "names": [
+            *("t_us", "source", "code"),
+            *("utc_s", "lat_deg", "lon_deg", "altitude_m", "speed_mps", "course_deg", "hdop", "gps_variation_deg"),
+            *("satellites", "heading_deg", "deviation_deg", "variation_deg", "pitch_deg", "roll_deg"),
+            *("attitude_deg", "gyro_dps", "accel_g", "mag_ut"),
+        ],
+        "formats": ["i8", "i4", "i4", *["f8"] * 8, "i4", *["f8"] * 5, *["3f8"] * 4],
+        "offsets": [0, 8, 12, *range(16, 80, 8), 80, *range(16, 56, 8), 16, 40, 64, 88],
+        "itemsize": SAMPLE_SIZE,
+    }
+)

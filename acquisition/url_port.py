@@ -11,7 +11,7 @@ import os
 import select
 import threading
 
-import serial  # type: ignore[import-untyped]
+import serial
 
 from acquisition.port import READ_SIZE, PortAbsentError, PortError, PortLostError, PortUnusableError
 

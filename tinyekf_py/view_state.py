@@ -1,0 +1,133 @@
+"""What a person watching the program is shown: the live program fills it, the console draws it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite
+
+from tinyekf_py.estimate import Estimate
+
+NAN = float("nan")
+
+#: An estimate older than this is no longer shown, seconds.
+MAX_ESTIMATE_AGE_S = 1.0
+#: A fix, HDOP or weight older than this is no longer shown, seconds.
+MAX_SENSOR_AGE_S = 3.0
+
+FIX_WORDS = {
+    0: "none", 1: "GPS", 2: "DGPS", 3: "PPS", 4: "RTK", 5: "float RTK", 6: "estimated", 7: "manual", 8: "simulated",
+}  # fmt: skip
+WEIGHT_WORDS = {0: "bad", 1: "good", 2: "excellent", 3: "ideal"}
+
+
+@dataclass(frozen=True, slots=True)
+class SensorRow:
+    """One sensor as it is now."""
+
+    name: str  #: as in `acquisition.sample.SOURCES`
+    port_state: str  #: a word or two: open, missing, no permission, stale, stopped, ...
+    rate_hz: float = NAN  #: samples a second
+    age_s: float = NAN  #: since its last sample
+    fix_quality: int = -1  #: GPS: as GGA's; -1 unknown
+    hdop: float = NAN
+    weight: float = NAN  #: GPS: of stage 1, 0 to 3
+    errors: int = 0  #: lines dropped since the start
+    last_error: str = ""  #: one line
+
+
+@dataclass(frozen=True, slots=True)
+class ViewState:
+    """Everything on the screen."""
+
+    estimate: Estimate | None
+    estimate_age_s: float = 0.0  #: since the estimate was made
+    sensors: tuple[SensorRow, ...] = ()
+    elapsed_s: float = 0.0  #: since the start
+    method: str = ""
+    recording: str = ""  #: path; empty when nothing is recorded
+    simulated: bool = False
+    notices: tuple[str, ...] = ()  #: one-line messages, the latest last
+
+
+def current_estimate(state: ViewState, waited_s: float) -> Estimate:
+    """The estimate to show `waited_s` seconds after `state` was made: an invalid one when it is missing or stale."""
+    if state.estimate is None or not state.estimate_age_s + waited_s <= MAX_ESTIMATE_AGE_S:
+        return Estimate(0)
+    return state.estimate
+
+
+def heading_text(estimate: Estimate) -> str:
+    """Heading in degrees with one decimal, "---" when there is none; never 360.0."""
+    if estimate.mode == "invalid" or not isfinite(estimate.heading_deg):
+        return "---"
+    text = f"{estimate.heading_deg:05.1f}"
+    return "000.0" if text == "360.0" else text
+
+
+def position_text(estimate: Estimate, degree: str = "°") -> str:
+    """Position in degrees and minutes, "---" when there is none."""
+    if estimate.pos_mode == "invalid" or not (isfinite(estimate.lat_deg) and isfinite(estimate.lon_deg)):
+        return "---"
+    lat, lon = _minutes(estimate.lat_deg, 2, "NS", degree), _minutes(estimate.lon_deg, 3, "EW", degree)
+    return f"{lat}  {lon}"
+
+
+def _minutes(angle_deg: float, digits: int, sides: str, degree: str) -> str:
+    degrees, thousandths = divmod(round(abs(angle_deg) * 60_000), 60_000)
+    minutes, rest = divmod(thousandths, 1000)
+    return f"{degrees:0{digits}d}{degree}{minutes:02d}.{rest:03d}' {sides[angle_deg < 0]}"
+
+
+def turn_text(estimate: Estimate, unit: str = "°/s") -> str:
+    """Rate of turn with its side in words, "---" when there is none."""
+    rate_dps = estimate.rate_of_turn_dps
+    if estimate.mode == "invalid" or not isfinite(rate_dps):
+        return "---"
+    tenths = f"{abs(rate_dps):.1f}"
+    side = "" if tenths == "0.0" else " to starboard" if rate_dps > 0 else " to port"
+    return f"{tenths} {unit}{side}"
+
+
+def elapsed_text(elapsed_s: float) -> str:
+    """h:mm:ss."""
+    minutes, seconds = divmod(int(elapsed_s), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{seconds:02d}"
+
+
+@dataclass(frozen=True, slots=True)
+class SensorWords:
+    """A sensor's row in words; "---" for what is unknown or too old to show, empty for what it cannot have."""
+
+    name: str
+    port_state: str
+    rate: str
+    age: str
+    fix: str
+    hdop: str
+    weight: str
+    errors: str
+
+
+def sensor_words(row: SensorRow, waited_s: float) -> SensorWords:
+    """`row` in words, `waited_s` seconds after it was made."""
+    age_s = row.age_s + waited_s
+    fresh = age_s <= MAX_SENSOR_AGE_S
+    fix = hdop = weight = ""
+    if row.name.startswith("gps"):
+        fix = hdop = weight = "---"
+        if fresh:
+            fix = FIX_WORDS.get(row.fix_quality, "---")
+            hdop = f"{row.hdop:.1f}" if isfinite(row.hdop) else "---"
+            if isfinite(row.weight):
+                weight = f"{row.weight:g} {WEIGHT_WORDS.get(round(row.weight), '')}".rstrip()
+    return SensorWords(
+        name=row.name,
+        port_state=row.port_state,
+        rate=f"{row.rate_hz:.1f} Hz" if fresh and isfinite(row.rate_hz) else "---",
+        age="---" if not isfinite(age_s) else f"{age_s:.1f} s" if age_s < 1000 else "> 999 s",
+        fix=fix,
+        hdop=hdop,
+        weight=weight,
+        errors=str(row.errors),
+    )

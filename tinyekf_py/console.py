@@ -66,6 +66,11 @@ class ConsoleView:
         """Whether the whole terminal is drawn (from `start` to `stop`); else there are plain lines."""
         return self._screen is not None
 
+    @property
+    def takes_terminal(self) -> bool:
+        """Whether `start` will draw on the whole terminal, if rich is there."""
+        return _is_screen(self._stream)
+
     def start(self) -> None:
         """Take the terminal, and begin."""
         self._screen = _open_screen(self._stream)
@@ -150,9 +155,13 @@ class _Screen:
             _log.debug("the terminal could not be restored: %s", error)
 
 
+def _is_screen(stream: TextIO) -> bool:
+    return stream.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown")
+
+
 def _open_screen(stream: TextIO) -> _Screen | None:
     """The screen, or None where plain lines must do."""
-    if not stream.isatty() or os.environ.get("TERM", "dumb") in ("dumb", "unknown"):
+    if not _is_screen(stream):
         return None
     try:
         screen = _Screen(stream)

@@ -30,7 +30,7 @@ class Status(IntEnum):
     REFUSED = 4  #: NaN or infinity among the arguments
 
 
-_STATUS = tuple(Status)  # by number: faster than calling the enumeration
+_status: Callable[[int], Status] = tuple(Status).__getitem__  # by number: faster than calling the enumeration
 
 
 class Update(NamedTuple):
@@ -198,7 +198,7 @@ class Ekf:
     def predict(self, fx: ArrayLike, F: ArrayLike, Q: ArrayLike) -> Status:
         """x = fx, P = F P F' + Q: the 2018 paper's (4). Shapes (3,), (3, 3), (3, 3)."""
         F_, Q_ = _shaped("F", F, (3, 3)), _shaped("Q", Q, (3, 3))
-        return _STATUS[lib.ekf_predict(self._ekf, _shaped("fx", fx, (3,)), F_, Q_)]
+        return _status(lib.ekf_predict(self._ekf, _shaped("fx", fx, (3,)), F_, Q_))
 
     def update(
         self,
@@ -227,18 +227,18 @@ class Ekf:
         m.angle_rows = _mask(angles)
         m.gate = gate
         status = lib.ekf_update(self._ekf, m, self._nis)
-        return Update(_STATUS[status], self._nis[0])
+        return Update(_status(status), self._nis[0])
 
     def step(self, z: ArrayLike, fx: ArrayLike, F: ArrayLike, Q: ArrayLike, H: ArrayLike, R: ArrayLike) -> Status:
         """One TinyEKF step: predict, then update with hx = H fx (the 2018 paper's mend of §3.3). Shapes as above."""
-        return _STATUS[
+        return _status(
             lib.ekf_step(
                 self._ekf,
                 _shaped("z", z, (3,)),
                 _shaped("fx", fx, (3,)),
                 *(_shaped(name, matrix, (3, 3)) for name, matrix in (("F", F), ("Q", Q), ("H", H), ("R", R))),
             )
-        ]
+        )
 
 
 class HeadingEkf:
@@ -265,7 +265,7 @@ class HeadingEkf:
 
     def predict(self, u: float, v: float, r: float, dt: float) -> Status:
         """Move on by `dt` s with surge `u`, sway `v` (m/s) and yaw rate `r` (rad/s), by one Euler step."""
-        return _STATUS[lib.heading_model_predict(self._ekf, u, v, r, dt, self._q)]
+        return _status(lib.heading_model_predict(self._ekf, u, v, r, dt, self._q))
 
     def update(self, z: Sequence[float], mask: Sequence[bool] | None = None, *, gate: float = 0.0) -> Update:
         """Measure `z` = [north m, east m, heading rad], shape (3,); `mask` says which of them were measured."""
@@ -276,7 +276,7 @@ class HeadingEkf:
         measured = self._z
         measured[0], measured[1], measured[2] = z
         status = lib.heading_model_update(self._ekf, measured, rows, self._r, gate, self._nis)
-        return Update(_STATUS[status], self._nis[0])
+        return Update(_status(status), self._nis[0])
 
 
 def _diagonal(name: str, values: ArrayLike) -> list[float]:

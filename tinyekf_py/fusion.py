@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from acquisition.sample import COMPASS, IMU, MAX_GPS, SAMPLE_SIZE, SOURCES, Sample
 from tinyekf_py._core import ffi, lib
+from tinyekf_py.config import CompassConfig, Config, ImuConfig
 from tinyekf_py.estimate import Estimate, estimates_to_array
 from tinyekf_py.variation import VariationError, variation_deg
 
@@ -213,6 +214,21 @@ class HeadingFusion:
             row.gpsec_deg,
             tuple(row.ekf_deg[0:n]),
         )
+
+
+def fusion_of(config: Config) -> HeadingFusion:
+    """The fusion that a configuration asks for."""
+    compass, imu = (config.sensors.get(name) for name in ("compass", "imu"))
+    return HeadingFusion(
+        config.fusion.method,
+        sources=config.sources,
+        variation_deg=config.vessel.variation_deg,
+        deviation_deg=compass.deviation if isinstance(compass, CompassConfig) else (0.0,) * 5,
+        mount_deg=imu.mount if isinstance(imu, ImuConfig) else (0.0,) * 3,
+        accel=imu.accel if isinstance(imu, ImuConfig) else "gravity",
+        max_sigma_deg=config.fusion.max_sigma_deg,
+        ekf_gps=config.fusion.cnw_ekf.gps,
+    )
 
 
 def _rotation(mount_deg: Sequence[float]) -> list[list[float]]:

@@ -1,0 +1,48 @@
+# Two commands do everything: `make run` and `make test`.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+C_SOURCES := $(wildcard csrc/*.c)
+C_FILES := $(wildcard csrc/*.[ch] csrc/*.inc tests/c/*.[ch] bench/*/*.[ch])
+C_TESTS := $(patsubst tests/c/%.c,build/c/%,$(wildcard tests/c/test_*.c))
+WARNINGS := -Wall -Wextra -Wpedantic -Wconversion -Werror -std=c11
+SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
+
+.PHONY: run test lint bench clean install test-c goldens
+
+run: install  ## the live program on five simulated devices
+	$(BIN)/tinyekf run --simulate
+
+test: install lint test-c  ## everything
+	$(BIN)/python -m pytest
+
+install: $(VENV)/installed
+
+# The core is rebuilt whenever something that goes into it has changed.
+$(VENV)/installed: pyproject.toml setup.py tinyekf_py/_core_build.py $(wildcard csrc/*)
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[test,all]"
+	touch $@
+
+lint: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	clang-format --dry-run --Werror $(C_FILES)
+	gcc $(WARNINGS) -O2 -Icsrc -fsyntax-only $(C_SOURCES)
+	gcc $(WARNINGS) -O2 -Icsrc -fsyntax-only -DEKF_REAL=float $(C_SOURCES)
+
+test-c: $(C_TESTS)
+	@for test in $(C_TESTS); do ./$$test || exit 1; done
+
+build/c/%: tests/c/%.c tests/c/expect.h $(wildcard csrc/*)
+	@mkdir -p $(@D)
+	gcc $(WARNINGS) $(SANITIZE) -O1 -g -ffp-contract=off -Icsrc $< $(C_SOURCES) -lm -o $@
+
+bench: install
+	$(BIN)/python bench/run.py
+
+clean:
+	rm -rf build dist $(VENV) *.egg-info tinyekf_py/_core.c tinyekf_py/*.so .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,35 @@
+"""The console script `tinyekf`: its first word names the command, the rest is the command's own."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from difflib import get_close_matches
+
+#: Command -> module with a `main(argv)`, imported when asked for, and what it does.
+COMMANDS = {
+    "run": ("tinyekf_py.run", "the heading, live, simulated or replayed"),
+    "simulate": ("acquisition.simulator.command", "a boat with five devices, as a recording with truth or on ptys"),
+}
+
+
+def main() -> int:
+    """Run the command that the command line names; its exit status."""
+    name = sys.argv[1] if len(sys.argv) > 1 else ""
+    if name in ("", "-h", "--help"):
+        width = max(map(len, COMMANDS))
+        print("usage: tinyekf COMMAND ...\n")
+        print("\n".join(f"  {command:{width}}  {what}" for command, (_, what) in COMMANDS.items()))
+        print("\ntinyekf COMMAND --help says more.")
+        return 0 if name else 2
+    if name not in COMMANDS:
+        nearest = get_close_matches(name, COMMANDS, 1)
+        hint = f"did you mean {nearest[0]}?" if nearest else f"there are {', '.join(COMMANDS)}"
+        print(f"tinyekf: no command {name!r}; {hint}", file=sys.stderr)
+        return 2
+    status: int = importlib.import_module(COMMANDS[name][0]).main(sys.argv[2:])
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,201 @@
+"""The main program: `tinyekf run`, live on real or simulated devices, or a replay.
+
+Exit status: 0 done, 1 the run failed, 2 the command line or the configuration is wrong (one line on stderr).
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+from acquisition.device import DeviceError
+from acquisition.recording import RecordingError, read_recording
+from acquisition.simulator.scenarios import ScenarioError
+from tinyekf_py.command_line import OneLineParser, complain, positive_seconds
+from tinyekf_py.config import METHODS, Config, ConfigError, apply_flat, config_text, load_config
+from tinyekf_py.console import ConsoleView
+from tinyekf_py.estimate import Estimate
+from tinyekf_py.heading_csv import HeadingCsvError, write_heading_csv
+from tinyekf_py.live import LiveRun
+from tinyekf_py.replay import Replay
+from tinyekf_py.simulated_devices import SimulatedDevices, SimulationError
+from tinyekf_py.view_state import ViewState
+
+DEFAULT_CONFIG = Path("tinyekf.toml")
+PROGRESS_PERIOD_S = 2.0
+
+_log = logging.getLogger(__name__)
+
+
+def _parser() -> OneLineParser:
+    parser = OneLineParser(prog="tinyekf run", description="Heading from GPS receivers, a compass and an IMU.")
+    parser.add_argument("--config", type=Path, metavar="FILE", help=f"configuration (default: ./{DEFAULT_CONFIG})")
+    parser.add_argument("--print-config", action="store_true", help="print a documented configuration and end")
+    parser.add_argument("--simulate", action="store_true", help="run on five simulated devices")
+    parser.add_argument("--scenario", metavar="S", help="with --simulate: what is sailed (tinyekf simulate --list)")
+    parser.add_argument("--seed", type=int, metavar="N", help="with --simulate: of all that is random")
+    parser.add_argument("--replay", nargs="+", type=Path, metavar="REC", help="replay a recording (its pieces)")
+    parser.add_argument("--speed", type=float, metavar="X", help="with --replay: X times real time, with the console")
+    parser.add_argument("--record", type=Path, metavar="REC", help="record every line received")
+    parser.add_argument("--output", type=Path, metavar="CSV", help="write the heading CSV")
+    parser.add_argument("--method", metavar="M", help=f"one of {', '.join(METHODS)}")
+    parser.add_argument("--duration", type=positive_seconds, metavar="SECONDS", help="end after this long")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the program; the exit status."""
+    logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s", datefmt="%H:%M:%S", level=logging.INFO)
+    parser = _parser()
+    try:
+        options = parser.parse_args(argv)
+        _check(parser, options)
+        if options.print_config:
+            print(config_text(_config(options)), end="")
+            return 0
+        return _replay(options) if options.replay else _live(options)
+    except (ConfigError, RecordingError, HeadingCsvError, DeviceError, ScenarioError, SimulationError) as error:
+        return complain("run", error)
+    except BrokenPipeError:  # whoever read our output has gone
+        return 1
+
+
+def _check(parser: OneLineParser, options: argparse.Namespace) -> None:
+    if options.replay and (options.simulate or options.record):
+        parser.error("--replay goes with neither --simulate nor --record")
+    if options.speed is not None and not (options.replay and options.speed > 0):
+        parser.error("--speed takes a number above 0, with --replay")
+    if not options.simulate and (options.scenario is not None or options.seed is not None):
+        parser.error("--scenario and --seed go with --simulate")
+    if options.replay and options.output is None and options.speed is None:
+        parser.error("--replay needs --output CSV (or --speed 1, to watch it)")
+
+
+def _config(options: argparse.Namespace) -> Config:
+    if options.config is not None:
+        config = load_config(options.config)
+    elif DEFAULT_CONFIG.exists() and not options.simulate and not options.print_config:
+        config = load_config(DEFAULT_CONFIG)
+    else:
+        config = Config()
+    flat: dict[str, object] = {}
+    if options.method is not None:
+        flat["fusion.method"] = options.method
+    if options.record is not None:
+        flat["outputs.recording"] = str(options.record)
+    if options.output is not None:
+        flat["outputs.csv"] = str(options.output)
+    return apply_flat(config, flat, "the command line")
+
+
+def _live(options: argparse.Namespace) -> int:
+    config = _config(options)
+    if options.config is None and not options.simulate and not DEFAULT_CONFIG.exists():
+        _log.info("no ./%s: using the defaults (tinyekf run --print-config shows them)", DEFAULT_CONFIG)
+    start_us = time.monotonic_ns() // 1000
+    if not options.simulate:
+        return _run_live(LiveRun(config, start_us=start_us), options)
+    truth = Path(config.outputs.recording).with_suffix(".truth.csv") if config.outputs.recording else None
+    wanted = ["--scenario", options.scenario] if options.scenario is not None else []
+    wanted += ["--seed", str(options.seed)] if options.seed is not None else []
+    with SimulatedDevices(wanted, truth=truth, start_us=start_us) as devices:
+        return _run_live(LiveRun(devices.configure(config), start_us=start_us, simulated=True), options)
+
+
+def _run_live(live: LiveRun, options: argparse.Namespace) -> int:
+    def end(_number: int, _frame: FrameType | None) -> None:
+        live.stop()
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, end)
+    view = ConsoleView()
+    with _logging_to(live.notices, quiet=view.takes_terminal and sys.stderr.isatty()):
+        live.run(options.duration, view)
+    return 0
+
+
+class _NoticeHandler(logging.Handler):
+    """Shows log lines on the console's screen."""
+
+    def __init__(self, notices: deque[str]) -> None:
+        super().__init__()
+        self._notices = notices
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._notices.append(record.getMessage().splitlines()[0])
+
+
+@contextmanager
+def _logging_to(notices: deque[str], *, quiet: bool) -> Iterator[None]:
+    """Log to `notices` too; `quiet`: to them alone, since the console has the terminal."""
+    root = logging.getLogger()
+    before = root.handlers[:]
+    root.handlers = [_NoticeHandler(notices)] if quiet else [*before, _NoticeHandler(notices)]
+    try:
+        yield
+    finally:
+        root.handlers = before
+
+
+def _replay(options: argparse.Namespace) -> int:
+    reader = read_recording(options.replay)
+    replay = Replay(reader, method=options.method, config=load_config(options.config) if options.config else None)
+    if options.speed is not None:
+        _watch(replay, options)
+    else:
+        write_heading_csv(options.output, _rows(replay), replay.fusion.n_gps)
+    for notice in replay.fusion.take_notices():
+        _log.warning("%s", notice)
+    for source, counts in {"recording": reader.dropped, **replay.counts}.items():
+        dropped = {reason: n for reason, n in counts.items() if reason not in ("lines", "samples", "unused")}
+        if dropped:
+            _log.warning("%s: dropped %s", source, ", ".join(f"{n} {reason}" for reason, n in dropped.items()))
+    return 0
+
+
+def _rows(replay: Replay) -> Iterator[Estimate]:
+    """The rows of a replay; a long one tells how far it is."""
+    reader = replay.reader
+    next_at = time.monotonic() + PROGRESS_PERIOD_S
+    for rows in replay:
+        yield from rows
+        if time.monotonic() >= next_at:
+            next_at = time.monotonic() + PROGRESS_PERIOD_S
+            _log.info("replayed %.0f %%", 100.0 * reader.bytes_read / max(reader.bytes_total, 1))
+
+
+def _watch(replay: Replay, options: argparse.Namespace) -> None:
+    """Replay at a pace, with the console."""
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda _number, _frame: ended.set())
+    with ConsoleView() as view:
+
+        def rows() -> Iterator[Estimate]:
+            began = time.monotonic()
+            for batch in replay.paced(options.speed, ended.wait):
+                for row in batch:
+                    elapsed_s = time.monotonic() - began
+                    view.show(ViewState(row, elapsed_s=elapsed_s, method=replay.fusion.method))
+                    yield row
+                if options.duration is not None and time.monotonic() - began >= options.duration:
+                    return
+
+        if options.output is not None:
+            write_heading_csv(options.output, rows(), replay.fusion.n_gps)
+        else:
+            for _ in rows():
+                pass
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -17,10 +17,11 @@ typedef struct {
     ekf_real z[EKF_MOBS];           /* measurement */
     ekf_real hx[EKF_MOBS];          /* predicted measurement h(x) */
     ekf_real H[EKF_MOBS][EKF_NSTA]; /* Jacobian of h at x */
-    ekf_real R[EKF_MOBS][EKF_MOBS]; /* measurement noise covariance; of the rows used, positive definite */
-    uint32_t rows;                  /* bit i: row i was measured; other rows are not looked at */
-    uint32_t angle_rows;            /* bit i: row i is an angle in radians: its innovation is wrapped */
-    ekf_real gate;                  /* largest normalised innovation squared accepted; 0: no gate */
+    ekf_real R[EKF_MOBS]
+              [EKF_MOBS]; /* measurement noise covariance, lower triangle; positive definite in the rows used */
+    uint32_t rows;        /* bit i: row i was measured; other rows are not looked at */
+    uint32_t angle_rows;  /* bit i: row i is an angle in radians: its innovation is wrapped */
+    ekf_real gate;        /* largest normalised innovation squared accepted; 0: no gate */
 } EKF(measurement_t);
 
 /* Sets state, covariance and which states are angles. EKF_REFUSED, and nothing set, when a number is not finite or P0 is
@@ -28,7 +29,8 @@ typedef struct {
 ekf_status_t EKF(init)(EKF(t) * ekf, const ekf_real x0[EKF_NSTA], const ekf_real P0[EKF_NSTA][EKF_NSTA],
                        uint32_t angle_states);
 
-/* x = fx, P = F P F' + Q (the 2018 paper's (4)). fx is f(x) at the old x, F its Jacobian there. A refused or failed
+/* x = fx, P = F P F' + Q (the 2018 paper's (4)). fx is f(x) at the old x, F its Jacobian there; of the symmetric Q the
+ * upper triangle is read. A refused or failed
  * prediction leaves the filter as it was. */
 ekf_status_t EKF(predict)(EKF(t) * ekf, const ekf_real fx[EKF_NSTA], const ekf_real F[EKF_NSTA][EKF_NSTA],
                           const ekf_real Q[EKF_NSTA][EKF_NSTA]);

@@ -32,17 +32,17 @@ enum { FUSION_STAGE1 = 0, FUSION_STAGE2 = 1, FUSION_STAGE3 = 2, FUSION_EKF1 = 3,
 
 typedef struct {
     fusion_method_t method;
-    int n_gps;            /* highest number of a receiver configured, 0 to 8 */
-    uint32_t absent_gps;  /* bit i: gps(i+1), though numbered, is not aboard */
-    int has_compass;      /* configured */
-    int has_imu;          /* configured */
-    int ekf_gps;          /* the receiver whose filter cnw-ekf runs, from 0 */
-    double deviation[5];  /* A to E, rad: A + B sin z + C cos z + D sin 2z + E cos 2z at compass heading z */
-    double variation;     /* rad, east positive; NaN: from the sentences */
-    int wants_variation;  /* ask for the variation where the boat is (fusion_t.variation_wanted) */
-    double mount[3][3];   /* turns the IMU's axes into the boat's */
-    int specific_force;   /* the accelerometer shows (0, 0, -1) at rest instead of (0, 0, +1) */
-    double max_sigma;     /* rad: a less certain heading is invalid */
+    int n_gps;           /* highest number of a receiver configured, 0 to 8 */
+    uint32_t absent_gps; /* bit i: gps(i+1), though numbered, is not aboard */
+    int has_compass;     /* configured */
+    int has_imu;         /* configured */
+    int ekf_gps;         /* the receiver whose filter cnw-ekf runs, from 0 */
+    double deviation[5]; /* A to E, rad: A + B sin z + C cos z + D sin 2z + E cos 2z at compass heading z */
+    double variation;    /* rad, east positive; NaN: from the sentences */
+    int wants_variation; /* ask for the variation where the boat is (fusion_t.variation_wanted) */
+    double mount[3][3];  /* turns the IMU's axes into the boat's */
+    int specific_force;  /* the accelerometer shows (0, 0, -1) at rest instead of (0, 0, +1) */
+    double max_sigma;    /* rad: a less certain heading is invalid */
     heading_noise_t noise;
 } fusion_settings_t;
 
@@ -100,7 +100,7 @@ typedef struct {
     int variation_wanted;     /* the boat is at a new place, lat, lon, utc below; cleared by fusion_set_variation */
     double variation_lat_deg; /* where */
     double variation_lon_deg;
-    double variation_utc_s;   /* when */
+    double variation_utc_s; /* when */
     int has_variation_place;
 
     int stopped[FUSION_TASKS];

@@ -146,8 +146,8 @@ static fusion_mode_t heading_mode(const fusion_t *fusion, int64_t t_us, const an
     for (int task = 0; task < FUSION_EKF1 + fusion->settings.n_gps; task++) {
         stopped |= fusion->stopped[task];
     }
-    const int all_there = fixes == aboard && (compass || !fusion->settings.has_compass) &&
-                          (imu || !fusion->settings.has_imu);
+    const int all_there =
+        fixes == aboard && (compass || !fusion->settings.has_compass) && (imu || !fusion->settings.has_imu);
     const int unweighed = aboard > 0 && !(weights > 0.0);
     return all_there && !stopped && !unweighed ? FUSION_OK : FUSION_DEGRADED;
 }

@@ -2,6 +2,8 @@
 
 #include <math.h>
 
+#include "ekf_inline.h"
+
 ekf_status_t heading_model_predict(ekf_t *ekf, double u, double v, double r, double dt, const double q[3])
 {
     const double psi = (double)ekf->x[HEADING_PSI];
@@ -20,22 +22,25 @@ ekf_status_t heading_model_predict(ekf_t *ekf, double u, double v, double r, dou
         {0, (ekf_real)(q[1] * dt), 0},
         {0, 0, (ekf_real)(q[2] * dt)},
     };
-    return ekf_predict(ekf, fx, F, Q);
+    return ekf_predict_inline(ekf, fx, F, Q);
 }
 
 ekf_status_t heading_model_update(ekf_t *ekf, const double z[3], uint32_t rows, const double r[3], double gate,
                                   ekf_real *nis)
 {
-    ekf_measurement_t m = {
-        .H = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}},
-        .rows = rows,
-        .angle_rows = 1u << HEADING_PSI,
-        .gate = (ekf_real)gate,
-    };
+    ekf_measurement_t m; /* entry by entry: clearing it all first would take longer than the update */
+    m.rows = rows;
+    m.angle_rows = 1u << HEADING_PSI;
+    m.gate = (ekf_real)gate;
+    EKF_UNROLL
     for (int i = 0; i < 3; i++) {
         m.z[i] = (ekf_real)z[i];
         m.hx[i] = ekf->x[i];
-        m.R[i][i] = (ekf_real)r[i];
+        EKF_UNROLL
+        for (int j = 0; j < 3; j++) {
+            m.H[i][j] = i == j;
+            m.R[i][j] = i == j ? (ekf_real)r[i] : 0;
+        }
     }
-    return ekf_update(ekf, &m, nis);
+    return ekf_update_inline(ekf, &m, nis);
 }

@@ -94,9 +94,8 @@ class LiveRun:
                         recording.line(message.t_us, name, message.line)
                     if message.samples:
                         self._take(name, message.samples, csv)
-                elif message.kind == RESTART:
-                    if recording is not None:
-                        recording.event(message.t_us, "restart", name)
+                elif message.kind == RESTART and recording is not None:
+                    recording.event(message.t_us, "restart", name)
             if view is not None and now >= next_view:
                 next_view = now + VIEW_PERIOD_S
                 view.show(self._view_state(supervisor.states))

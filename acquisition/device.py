@@ -13,6 +13,9 @@ from dataclasses import dataclass, field
 from acquisition.message import CLOSED
 from acquisition.sample import SOURCES
 
+#: Counters that tell of work done; every other one counts something dropped, by its reason.
+_WORK = frozenset(("lines", "samples", "bytes", "unused", "wakeups", "opens", "down_ms"))
+
 
 class DeviceError(ValueError):
     """Settings of a device that cannot be right, whatever is plugged in."""
@@ -56,3 +59,8 @@ class DeviceState:
     rate_hz: float = 0.0  #: samples per second over the last second or so
     counts: Counter[str] = field(default_factory=Counter)  #: lines, samples, bytes, and what was dropped, by reason
     last_error: str = ""  #: of the decoder or the worker, one line
+
+    @property
+    def errors(self) -> int:
+        """Lines and bytes dropped, for any reason, since the start."""
+        return sum(count for reason, count in self.counts.items() if reason not in _WORK)

@@ -29,8 +29,6 @@ from tinyekf_py.view_state import SensorRow, ViewState
 WAIT_S = 0.25  # longest wait for messages: how soon a stop is noticed when no device speaks
 VIEW_PERIOD_S = 0.25
 _NOTICES = 5
-#: Of a device's counters, those of lines that were good.
-_GOOD = frozenset(("lines", "samples", "bytes", "unused", "read", "wakeups"))
 
 _log = logging.getLogger(__name__)
 
@@ -140,7 +138,7 @@ class LiveRun:
             fix_quality=gps.fix_quality if gps else -1,
             hdop=gps.hdop if gps else float("nan"),
             weight=weight,
-            errors=sum(count for reason, count in state.counts.items() if reason not in _GOOD),
+            errors=state.errors,
             last_error=state.last_error,
         )
 

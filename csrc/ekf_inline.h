@@ -32,8 +32,11 @@
 #define EKF_INLINE static inline
 #endif
 
-/* GCC at -O2 leaves loops of three turns standing; unrolled, the update takes half the time. */
-#if defined(__GNUC__) && !defined(__clang__)
+/* At -O2 compilers leave loops of three turns standing; unrolled, the update takes half the time. */
+#if defined(__clang__)
+#define EKF_UNROLL _Pragma("unroll")
+#define EKF_UNROLL_ROWS _Pragma("unroll 3")
+#elif defined(__GNUC__)
 #define EKF_UNROLL _Pragma("GCC unroll 9")
 #define EKF_UNROLL_ROWS _Pragma("GCC unroll 3")
 #else

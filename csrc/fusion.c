@@ -46,9 +46,16 @@ ekf_status_t fusion_init(fusion_t *fusion, const fusion_settings_t *settings)
         .compass = NAN,
         .gps_variation = NAN,
     };
+    int aboard = 0;
     for (int i = 0; i < SAMPLE_MAX_GPS; i++) {
+        aboard += fusion_has_gps(fusion, i);
         receiver_reset(&fusion->gps[i]);
         heading_filter_reset(&fusion->filter[i]);
+    }
+    if (aboard == 0) { /* the first filter serves the compass alone */
+        fusion->compass_filter = 1;
+        fusion->settings.n_gps = 1;
+        fusion->settings.absent_gps = 1;
     }
     source_clock_reset(&fusion->compass_clock);
     source_clock_reset(&fusion->imu_clock);
@@ -64,7 +71,8 @@ int fusion_has_gps(const fusion_t *fusion, int i)
 int fusion_uses_filter(const fusion_t *fusion, int i)
 {
     const int of_method = fusion->settings.method != FUSION_CNW_EKF || i == fusion->settings.ekf_gps;
-    return fusion_has_gps(fusion, i) && of_method && !fusion->stopped[FUSION_EKF1 + i];
+    const int has_work = (fusion_has_gps(fusion, i) && of_method) || (fusion->compass_filter && i == 0);
+    return has_work && !fusion->stopped[FUSION_EKF1 + i];
 }
 
 double fusion_rate(const fusion_t *fusion, int64_t now_us)

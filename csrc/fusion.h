@@ -83,6 +83,7 @@ typedef struct {
 
     receiver_t gps[SAMPLE_MAX_GPS];
     heading_filter_t filter[SAMPLE_MAX_GPS];
+    int compass_filter; /* no receiver is configured: the first filter runs without one */
 
     source_clock_t compass_clock;
     double compass; /* true heading, rad */

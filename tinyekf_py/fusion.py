@@ -102,7 +102,7 @@ class HeadingFusion:
         if lib.fusion_init(self._fusion, settings) != lib.EKF_ACCEPTED:
             raise ValueError("a number among the fusion's options is not finite or out of range")
         self.method = method
-        self.n_gps = int(settings.n_gps)
+        self.n_gps = int(self._fusion.settings.n_gps)
         self._rows = ffi.new("estimate_t[]", _ROWS)
         self._n_rows = ffi.new("int *")
         self._notices: list[str] = []

@@ -48,15 +48,16 @@ double angle_circular_mean(const double *angle, const double *weight, int n)
     return angle_wrap(atan2(sum_sin, sum_cos));
 }
 
-double angle_forward_azimuth(double lat_prev, double lon_prev, double lat_curr, double lon_curr)
+double angle_forward_azimuth(double lat_prev_deg, double lon_prev_deg, double lat_curr_deg, double lon_curr_deg)
 {
-    const double d_lon = angle_wrap(lon_prev - lon_curr);
-    const double d_lat = lat_prev - lat_curr;
+    const double d_lon = remainder(lon_prev_deg - lon_curr_deg, 360.0) * ANGLE_DEGREE;
+    const double d_lat = (lat_prev_deg - lat_curr_deg) * ANGLE_DEGREE;
     if (d_lon == 0.0 && d_lat == 0.0) {
         return NAN;
     }
+    const double cos_prev = cos(lat_prev_deg * ANGLE_DEGREE);
     const double half = sin(0.5 * d_lon);
-    const double east = sin(d_lon) * cos(lat_prev);
-    const double north = sin(d_lat) + 2.0 * sin(lat_curr) * cos(lat_prev) * half * half;
+    const double east = sin(d_lon) * cos_prev;
+    const double north = sin(d_lat) + 2.0 * sin(lat_curr_deg * ANGLE_DEGREE) * cos_prev * half * half;
     return angle_wrap_positive(atan2(east, north) + ANGLE_PI);
 }

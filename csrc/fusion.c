@@ -122,24 +122,26 @@ static void carry_silent_filters(fusion_t *fusion, int except)
 /* Position of a receiver in metres. The frame begins at the first one, and follows a boat that leaves its reach. */
 static void place(fusion_t *fusion, const receiver_t *gps, double *north, double *east)
 {
+    const double lat = gps->lat_deg * ANGLE_DEGREE;
+    const double lon = gps->lon_deg * ANGLE_DEGREE;
     if (!fusion->has_frame) {
-        local_frame_set(&fusion->frame, gps->lat, gps->lon);
+        local_frame_set(&fusion->frame, lat, lon);
         fusion->has_frame = 1;
     }
-    local_frame_to_metres(&fusion->frame, gps->lat, gps->lon, north, east);
+    local_frame_to_metres(&fusion->frame, lat, lon, north, east);
     if (hypot(*north, *east) <= frame_reach_m) {
         return;
     }
     const local_frame_t old = fusion->frame;
-    local_frame_set(&fusion->frame, gps->lat, gps->lon);
+    local_frame_set(&fusion->frame, lat, lon);
     for (int i = 0; i < fusion->settings.n_gps; i++) {
         ekf_real *x = fusion->filter[i].ekf.x;
         if (fusion->filter[i].running && fusion->filter[i].has_position) {
-            double lat;
-            double lon;
+            double place_lat;
+            double place_lon;
             double moved[2];
-            local_frame_to_position(&old, (double)x[HEADING_NORTH], (double)x[HEADING_EAST], &lat, &lon);
-            local_frame_to_metres(&fusion->frame, lat, lon, &moved[0], &moved[1]);
+            local_frame_to_position(&old, (double)x[HEADING_NORTH], (double)x[HEADING_EAST], &place_lat, &place_lon);
+            local_frame_to_metres(&fusion->frame, place_lat, place_lon, &moved[0], &moved[1]);
             x[HEADING_NORTH] = (ekf_real)moved[0];
             x[HEADING_EAST] = (ekf_real)moved[1];
         }

@@ -31,13 +31,11 @@ void receiver_take(receiver_t *receiver, const sample_t *sample, int64_t t_us, i
     }
     double azimuth = NAN;
     if (receiver->valid) {
-        const double lat = gps->lat_deg * ANGLE_DEGREE;
-        const double lon = gps->lon_deg * ANGLE_DEGREE;
         if (source_seconds_since(receiver->position_us, t_us) <= longest_baseline_s) {
-            azimuth = angle_forward_azimuth(receiver->lat, receiver->lon, lat, lon);
+            azimuth = angle_forward_azimuth(receiver->lat_deg, receiver->lon_deg, gps->lat_deg, gps->lon_deg);
         }
-        receiver->lat = lat;
-        receiver->lon = lon;
+        receiver->lat_deg = gps->lat_deg;
+        receiver->lon_deg = gps->lon_deg;
         receiver->position_us = t_us;
         receiver->weight = stage1_runs ? cnw_stage1(sample->code, gps->hdop) : 1.0;
     }

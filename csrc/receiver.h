@@ -7,9 +7,9 @@
 
 typedef struct {
     source_clock_t clock;
-    int valid;           /* the last sample had a position and a fix */
-    double lat;          /* rad, of the last valid sample */
-    double lon;          /* rad */
+    int valid;      /* the last sample had a position and a fix */
+    double lat_deg; /* of the last valid sample */
+    double lon_deg;
     int64_t position_us; /* its stamp */
     double weight;       /* stage 1, of the last sample */
     double azimuth;      /* FAz, rad; NaN: none */

@@ -67,8 +67,7 @@ def forward_azimuth(lat_prev: ArrayLike, lon_prev: ArrayLike, lat_curr: ArrayLik
     """
 
     def one(lat0: float, lon0: float, lat1: float, lon1: float) -> float:
-        azimuth = lib.angle_forward_azimuth(lat0 * _DEGREE, lon0 * _DEGREE, lat1 * _DEGREE, lon1 * _DEGREE)
-        return float(lib.angle_to_bearing_deg(azimuth))
+        return float(lib.angle_to_bearing_deg(lib.angle_forward_azimuth(lat0, lon0, lat1, lon1)))
 
     return _elementwise(one, lat_prev, lon_prev, lat_curr, lon_curr)
 

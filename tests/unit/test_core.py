@@ -135,7 +135,7 @@ def test_intersection_finds_the_omega_of_brute_force(minimise: str, seed: int) -
     assert result.omega == pytest.approx(omegas[np.argmin(cost)], abs=1e-4)
     w = result.omega
     expected = np.linalg.inv(w * np.linalg.inv(A) + (1 - w) * np.linalg.inv(B))
-    assert result.C == pytest.approx(expected)
+    assert pytest.approx(expected) == result.C
     assert result.c == pytest.approx(expected @ (w * np.linalg.solve(A, a) + (1 - w) * np.linalg.solve(B, b)))
 
 
@@ -162,7 +162,7 @@ def test_update_is_the_textbooks_joint_update(seed: int) -> None:
     assert update.accepted
     assert update.nis == pytest.approx((z - H @ x) @ np.linalg.solve(S, z - H @ x))
     assert ekf.x == pytest.approx(x + K @ (z - H @ x))
-    assert ekf.P == pytest.approx((np.eye(3) - K @ H) @ P)
+    assert pytest.approx((np.eye(3) - K @ H) @ P) == ekf.P
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -173,10 +173,10 @@ def test_step_is_predict_and_update_with_the_measurement_at_the_prediction(seed:
     stepped, apart_ = Ekf(x, P), Ekf(x, P)
     assert stepped.step(z, fx, F, Q, H, R) is Status.ACCEPTED
     apart_.predict(fx, F, Q)
-    assert apart_.P == pytest.approx(F @ P @ F.T + Q)
+    assert pytest.approx(F @ P @ F.T + Q) == apart_.P
     apart_.update(z, H, R, hx=H @ fx)
     assert stepped.x == pytest.approx(apart_.x)
-    assert stepped.P == pytest.approx(apart_.P)
+    assert pytest.approx(apart_.P) == stepped.P
 
 
 def test_absent_rows_are_skipped_not_inflated() -> None:

@@ -67,6 +67,11 @@ class Replay:
 
     def __iter__(self) -> Iterator[list[Estimate]]:
         """Lists of rows, oldest first, as they fall due."""
+        for part in self.parts():
+            yield self._obey(part) if isinstance(part, Event) else self.fusion.feed_records(part)
+
+    def parts(self) -> Iterator[bytes | Event]:
+        """What fusion is to be fed, in order: packed samples, many at a time, and the task switches between them."""
         records: list[bytes] = []
         decode_of = {name: decoder.decode for name, decoder in self._decoders.items()}
         for entry in self.reader:
@@ -77,20 +82,23 @@ class Replay:
                 for sample in decode(entry[0], entry[2]):
                     records.append(sample.pack())
                 if len(records) >= _BATCH:
-                    yield self.fusion.feed_records(b"".join(records))
+                    yield b"".join(records)
                     records.clear()
             elif isinstance(entry, Event):
-                yield self.fusion.feed_records(b"".join(records))
+                yield b"".join(records)
                 records.clear()
-                yield self._obey(entry)
-                decode_of = {name: decoder.decode for name, decoder in self._decoders.items()}
-        yield self.fusion.feed_records(b"".join(records))
+                if entry.verb == "restart":
+                    self._restart(entry.name)
+                    decode_of = {name: decoder.decode for name, decoder in self._decoders.items()}
+                else:
+                    yield entry
+        yield b"".join(records)
+
+    def _restart(self, name: str) -> None:
+        if name in self._decoders:
+            self._renew(name)
 
     def _obey(self, event: Event) -> list[Estimate]:
-        if event.verb == "restart":
-            if event.name in self._decoders:
-                self._renew(event.name)
-            return []
         return self.fusion.set_task(event.t_us, event.name, event.verb == "start")
 
     def paced(self, speed: float, wait: Callable[[float], bool]) -> Iterator[list[Estimate]]:
@@ -108,7 +116,10 @@ class Replay:
     def _line_by_line(self) -> Iterator[list[Estimate]]:
         for entry in self.reader:
             if isinstance(entry, Event):
-                yield self._obey(entry)
+                if entry.verb == "restart":
+                    self._restart(entry.name)
+                else:
+                    yield self._obey(entry)
             elif entry.source in self._decoders:
                 samples = self._decoders[entry.source].decode(entry.t_us, entry.line)
                 if samples:

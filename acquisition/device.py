@@ -61,6 +61,11 @@ class DeviceState:
     last_error: str = ""  #: of the decoder or the worker, one line
 
     @property
+    def dropped(self) -> dict[str, int]:
+        """Lines and bytes dropped since the start, by reason."""
+        return {reason: count for reason, count in self.counts.items() if reason not in _WORK and count}
+
+    @property
     def errors(self) -> int:
         """Lines and bytes dropped, for any reason, since the start."""
-        return sum(count for reason, count in self.counts.items() if reason not in _WORK)
+        return sum(self.dropped.values())

@@ -120,6 +120,11 @@ class RecordingWriter:
         """Why recording has stopped, one line; empty while it goes on."""
         return self._file.failure
 
+    @property
+    def lost(self) -> int:
+        """Lines and events that were not recorded."""
+        return self._file.lost
+
     def line(self, t_us: int, source: str, line: bytes) -> None:
         """Record `line`, received at `t_us` microseconds since the start."""
         self._file.put((t_us, source, line))

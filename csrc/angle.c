@@ -50,7 +50,8 @@ double angle_circular_mean(const double *angle, const double *weight, int n)
 
 double angle_forward_azimuth(double lat_prev_deg, double lon_prev_deg, double lat_curr_deg, double lon_curr_deg)
 {
-    const double d_lon = remainder(lon_prev_deg - lon_curr_deg, 360.0) * ANGLE_DEGREE;
+    const double turn = remainder(lon_prev_deg - lon_curr_deg, 360.0);
+    const double d_lon = (turn <= -180.0 ? 180.0 : turn) * ANGLE_DEGREE;
     const double d_lat = (lat_prev_deg - lat_curr_deg) * ANGLE_DEGREE;
     if (d_lon == 0.0 && d_lat == 0.0) {
         return NAN;

@@ -9,6 +9,7 @@ from difflib import get_close_matches
 #: Command -> module with a `main(argv)`, imported when asked for, and what it does.
 COMMANDS = {
     "run": ("tinyekf_py.run", "the heading, live, simulated or replayed"),
+    "ctl": ("tinyekf_py.ctl", "see, start and stop the tasks of a running program"),
     "simulate": ("acquisition.simulator.command", "a boat with five devices, as a recording with truth or on ptys"),
 }
 

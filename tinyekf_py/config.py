@@ -30,7 +30,9 @@ from tinyekf_py.config_key import (
     number,
     numbers,
     text,
+    words,
 )
+from tinyekf_py.tasks import task_names
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -49,6 +51,7 @@ __all__ = [
 #: The methods of the papers: their standard deviation is that of their own covariance, and uncalibrated.
 PAPER_METHODS = ("cnw-ekf", "cnw3", "ekf-ci")
 METHODS = PAPER_METHODS
+TASKS = task_names(tuple(SOURCES), MAX_GPS)
 Section = TypeVar("Section", bound="DataclassInstance")
 
 DEFAULT_GPS = ("gps1", "gps2", "gps3")
@@ -172,6 +175,13 @@ class FusionConfig:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class TasksConfig:
+    """The tasks, each of which can be started and stopped while the program runs (docs/tasks.md)."""
+
+    stopped: tuple[str, ...] = key((), "Tasks that are stopped when the program starts, or all.", words(*TASKS, "all"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class OutputsConfig:
     """Files that a live run writes; an old file of that name is replaced."""
 
@@ -197,6 +207,7 @@ class Config:
         default_factory=lambda: {name: default_sensor(name) for name in (*DEFAULT_GPS, "compass", "imu")}
     )
     fusion: FusionConfig = FusionConfig()
+    tasks: TasksConfig = TasksConfig()
     outputs: OutputsConfig = OutputsConfig()
 
     @property
@@ -271,13 +282,14 @@ def _sections(config: Config) -> Iterator[tuple[str, object]]:
             yield f"sensors.{name}", config.sensors[name]
     yield "fusion", config.fusion
     yield "fusion.cnw-ekf", config.fusion.cnw_ekf
+    yield "tasks", config.tasks
     yield "outputs", config.outputs
 
 
 def _lay_over(config: Config, tables: Mapping[str, Any], where: str) -> Config:
     for name in tables:
-        if name not in ("vessel", "sensors", "fusion", "outputs"):
-            raise _unknown(name, where, ["vessel", "sensors", "fusion", "outputs"])
+        if name not in ("vessel", "sensors", "fusion", "tasks", "outputs"):
+            raise _unknown(name, where, ["vessel", "sensors", "fusion", "tasks", "outputs"])
     sensors = dict(config.sensors)
     for name, table in _table(tables, "sensors", where).items():
         if name not in SOURCES:
@@ -289,6 +301,7 @@ def _lay_over(config: Config, tables: Mapping[str, Any], where: str) -> Config:
         vessel=_section(config.vessel, "vessel", tables.get("vessel", {}), where),
         sensors=sensors,
         fusion=dataclasses.replace(_section(config.fusion, "fusion", fusion_table, where), cnw_ekf=cnw_ekf),
+        tasks=_section(config.tasks, "tasks", tables.get("tasks", {}), where),
         outputs=_section(config.outputs, "outputs", tables.get("outputs", {}), where),
     )
     _check_whole(changed, where)
@@ -324,6 +337,10 @@ def _check_whole(config: Config, where: str) -> None:
             make_decoder(name, config.sensors[name].driver, config.decoder_options(name))
         except DecoderConfigError as error:
             raise ConfigError(f"{where}: sensors.{error}") from error
+    tasks = task_names(config.sources, config.n_gps)
+    for name in config.tasks.stopped:
+        if name not in (*tasks, "all"):
+            raise ConfigError(f"{where}: tasks.stopped names {name}, which this boat does not have: {', '.join(tasks)}")
     chosen = f"gps{config.fusion.cnw_ekf.gps}"
     if config.fusion.method == "cnw-ekf" and config.n_gps and chosen not in config.sources:
         present = ", ".join(name.removeprefix("gps") for name in config.sources if name.startswith("gps"))

@@ -113,6 +113,18 @@ def choice(*words: str) -> Check:
     return check
 
 
+def words(*allowed: str) -> Check:
+    """A list of words, each one of `allowed`."""
+    one = choice(*allowed)
+
+    def check(value: object) -> tuple[str, ...]:
+        if not isinstance(value, list | tuple):
+            raise ValueError("must be a list of texts in quotes")
+        return tuple(str(one(item)) for item in value)
+
+    return check
+
+
 def nearest_of(word: str, words: Iterable[str]) -> str:
     """The one of `words` that looks most like `word`, however little that is."""
     known = list(words)

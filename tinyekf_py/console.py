@@ -42,9 +42,11 @@ def plain_line(state: ViewState, waited_s: float = 0.0) -> str:
     for row in state.sensors:
         words = sensor_words(row, waited_s)
         sensors.append(f"{words.name} {words.rate if row.port_state == 'open' else row.port_state}")
+    stopped = [row.name for row in state.tasks if not row.running]
     return (
         f"{state.elapsed_s + waited_s:.1f} s  heading {heading} deg +- {sigma}  turn {rate} deg/s  "
         f"position {position}  {estimate.mode}/{estimate.pos_mode}  {', '.join(sensors)}"
+        f"{'  stopped: ' + ' '.join(stopped) if stopped else ''}"
     ).rstrip()
 
 

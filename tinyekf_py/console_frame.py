@@ -16,6 +16,7 @@ from tinyekf_py.config import PAPER_METHODS
 from tinyekf_py.estimate import Estimate
 from tinyekf_py.view_state import (
     SensorRow,
+    TaskRow,
     ViewState,
     current_estimate,
     elapsed_text,
@@ -79,12 +80,26 @@ def draw(state: ViewState, waited_s: float, width: int, height: int, *, ascii_on
     lines += [Text(), _position(estimate, symbols), Text()]
     lines.append(Text(_COLUMNS.format(*_COLUMN_NAMES), style="bold underline"))
     lines += [_sensor(row, waited_s, width) for row in state.sensors]
+    if state.tasks:
+        lines += [Text(), *_tasks(state.tasks, width)]
     room = height - len(lines) - 1
     if state.notices and room > 0:
         lines += [Text(), *(Text(notice) for notice in state.notices[-room:])]
     if ascii_only:
         lines = [_in_ascii(line) for line in lines]
     return Text("\n", no_wrap=True, overflow="crop", end="").join(_cut(line, width) for line in lines[:height])
+
+
+def _tasks(tasks: tuple[TaskRow, ...], width: int) -> list[Text]:
+    """The tasks with their keys, as many a line as fit."""
+    lines = [Text("Key starts or stops, a all:")]
+    for row in tasks:
+        word = f"{row.key} {row.name}" + ("" if row.running else " STOPPED")
+        if len(lines[-1]) + len(word) + 2 > width:
+            lines.append(Text(" "))
+        lines[-1].append("  ")
+        lines[-1].append(word, style="" if row.running else "bold red")
+    return lines
 
 
 def _cut(line: Text, width: int) -> Text:

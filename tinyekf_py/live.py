@@ -9,26 +9,33 @@ One thread does all of it and waits for nobody: files are written, and the conso
 from __future__ import annotations
 
 import logging
+import math
+import queue
 import time
 from collections import deque
+from collections.abc import Mapping
 from contextlib import ExitStack
 from datetime import UTC, datetime
 
 from acquisition.device import DeviceSettings, DeviceState
-from acquisition.message import LINE, RESTART, SILENT
+from acquisition.message import CLOSED, LINE, RESTART, SILENT
 from acquisition.recording import RecordingWriter
 from acquisition.sample import SAMPLE_SIZE, GpsSample, unpack
 from acquisition.supervisor import Supervisor
 from tinyekf_py.config import Config, result_config
 from tinyekf_py.console import ConsoleView
+from tinyekf_py.control_socket import ControlServer, Request, listening_path
 from tinyekf_py.estimate import Estimate
 from tinyekf_py.fusion import fusion_of
 from tinyekf_py.heading_csv import HeadingCsvWriter
-from tinyekf_py.view_state import SensorRow, ViewState
+from tinyekf_py.tasks import ALL, Switch, TaskError, Tasks, task_key, task_names
+from tinyekf_py.view_state import SensorRow, TaskRow, ViewState, current_estimate
 
 WAIT_S = 0.25  # longest wait for messages: how soon a stop is noticed when no device speaks
 VIEW_PERIOD_S = 0.25
 _NOTICES = 5
+#: What people are told of a port whose state has another name in messages.
+_PORT_WORDS = {SILENT: "stale", CLOSED: "starting"}
 
 _log = logging.getLogger(__name__)
 
@@ -48,6 +55,10 @@ class LiveRun:
         self._newest_at = 0.0
         self._last_records: dict[str, bytes] = {}
         self._notices: deque[str] = deque(maxlen=_NOTICES)
+        self._tasks = Tasks(task_names(config.sources, self._fusion.n_gps), config.tasks.stopped)
+        self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
+        self._recording: RecordingWriter | None = None
+        self._csv: HeadingCsvWriter | None = None
 
     @property
     def notices(self) -> deque[str]:
@@ -58,31 +69,37 @@ class LiveRun:
         """End `run` soon; may be called from a signal handler."""
         self._ending = True
 
+    def ask(self, request: Request) -> None:
+        """Let the loop answer `request` (status, start TASK, stop TASK) between two messages; from any thread."""
+        self._requests.put(request)
+
+    def key_pressed(self, key: str) -> None:
+        """Switch the task of that key, from any thread."""
+        wanted = self._tasks.toggled(key)
+        if wanted is not None:
+            self.ask(Request(("start" if wanted.running else "stop", wanted.name), queue.SimpleQueue()))
+
     def run(self, duration_s: float | None = None, view: ConsoleView | None = None) -> None:
         """Run until `stop`, or for `duration_s`. RecordingError or HeadingCsvError when a file cannot be begun."""
         outputs = self._config.outputs
         with ExitStack() as stack:
-            recording = csv = None
             if outputs.recording:
-                recording = RecordingWriter(outputs.recording, self._start_utc, result_config(self._config))
-                stack.callback(recording.close)
+                self._recording = RecordingWriter(outputs.recording, self._start_utc, result_config(self._config))
+                stack.callback(self._recording.close)
             if outputs.csv:
-                csv = HeadingCsvWriter(outputs.csv, self._fusion.n_gps)
-                stack.callback(csv.close)
+                self._csv = HeadingCsvWriter(outputs.csv, self._fusion.n_gps)
+                stack.callback(self._csv.close)
             supervisor = Supervisor(device_settings(self._config), self._start_us)
             stack.callback(supervisor.close)
+            for name in self._tasks.stopped:
+                self._switch(0, name, running=False)
+            stack.enter_context(ControlServer(listening_path(), self.ask))
             if view is not None:
                 stack.enter_context(view)
-            self._loop(supervisor, recording, csv, duration_s, view)
+            self._loop(supervisor, duration_s, view)
 
-    def _loop(
-        self,
-        supervisor: Supervisor,
-        recording: RecordingWriter | None,
-        csv: HeadingCsvWriter | None,
-        duration_s: float | None,
-        view: ConsoleView | None,
-    ) -> None:
+    def _loop(self, supervisor: Supervisor, duration_s: float | None, view: ConsoleView | None) -> None:
+        recording = self._recording
         end = float("inf") if duration_s is None else self._start_us / 1e6 + duration_s
         next_view = 0.0
         while not self._ending and (now := time.monotonic()) < end:
@@ -91,22 +108,51 @@ class LiveRun:
                     if recording is not None:
                         recording.line(message.t_us, name, message.line)
                     if message.samples:
-                        self._take(name, message.samples, csv)
+                        self._take(name, message.samples)
                 elif message.kind == RESTART and recording is not None:
                     recording.event(message.t_us, "restart", name)
+            while not self._requests.empty():
+                request = self._requests.get()
+                request.answer.put(self._answer(request.words, supervisor))
             if view is not None and now >= next_view:
                 next_view = now + VIEW_PERIOD_S
                 view.show(self._view_state(supervisor.states))
 
-    def _take(self, name: str, records: bytes, csv: HeadingCsvWriter | None) -> None:
+    def _answer(self, words: tuple[str, ...], supervisor: Supervisor) -> Mapping[str, object]:
+        """Obey a request of the control socket or the console, and say how things are then."""
+        if len(words) == 2 and words[0] in ("start", "stop"):
+            try:
+                changed = self._tasks.switch(Switch(words[1], words[0] == "start"))
+            except TaskError as error:
+                return {"error": str(error)}
+            t_us = time.monotonic_ns() // 1000 - self._start_us
+            for name in changed:
+                self._switch(t_us, name, running=words[0] == "start")
+                if name in supervisor.states:
+                    supervisor.set_polling(name, words[0] == "start")
+                _log.info("%s %s", name, "started" if words[0] == "start" else "stopped")
+        elif words != ("status",):
+            return {"error": f"{' '.join(words)!r} is no request; say status, start TASK or stop TASK"}
+        return self._status(supervisor.states)
+
+    def _switch(self, t_us: int, name: str, *, running: bool) -> None:
+        """Start or stop a task in the fusion, and say so at the same place of the recording."""
+        if self._recording is not None:
+            self._recording.event(t_us, "start" if running else "stop", name)
+        self._put_out(self._fusion.set_task(t_us, name, running))
+
+    def _take(self, name: str, records: bytes) -> None:
         rows = self._fusion.feed_records(records)
         self._last_records[name] = records[-SAMPLE_SIZE:]
+        self._put_out(rows)
+
+    def _put_out(self, rows: list[Estimate]) -> None:
         if rows:
             self._newest = rows[-1]
             self._newest_at = time.monotonic()
-            if csv is not None:
+            if self._csv is not None:
                 for row in rows:
-                    csv.row(row)
+                    self._csv.row(row)
             for notice in self._fusion.take_notices():
                 _log.warning("%s", notice)
 
@@ -121,7 +167,43 @@ class LiveRun:
             recording=self._config.outputs.recording,
             simulated=self._simulated,
             notices=tuple(self._notices),
+            tasks=tuple(TaskRow(task_key(name), name, on) for name, on in self._tasks.running.items()),
         )
+
+    def _status(self, states: dict[str, DeviceState]) -> Mapping[str, object]:
+        """Everything a second terminal is told, as JSON takes it: null for what is not known."""
+        view = self._view_state(states)
+        estimate = current_estimate(view, 0.0)
+        sensors = {}
+        for row in view.sensors:
+            state = states[row.name]
+            sensors[row.name] = {
+                "port_state": row.port_state,
+                "port_text": state.port_text,
+                "pid": state.pid,
+                "rate_hz": round(state.rate_hz, 2),
+                "age_s": round(row.age_s, 3) if math.isfinite(row.age_s) else None,
+                "restarts": state.restarts,
+                "stale_s": state.counts["down_ms"] / 1000,
+                "lines": state.counts["lines"],
+                "samples": state.counts["samples"],
+                "dropped": state.dropped,
+                "last_error": state.last_error,
+            }
+        return {
+            "t_s": round(view.elapsed_s, 3),
+            "method": view.method,
+            "mode": estimate.mode,
+            "pos_mode": estimate.pos_mode,
+            "heading_deg": round(estimate.heading_deg, 4) if math.isfinite(estimate.heading_deg) else None,
+            "tasks": self._tasks.running,
+            "sensors": sensors,
+            "recording": {
+                "path": view.recording,
+                "failure": self._recording.failure if self._recording is not None else "",
+                "lost": self._recording.lost if self._recording is not None else 0,
+            },
+        }
 
     def _sensor_row(self, state: DeviceState, elapsed_s: float) -> SensorRow:
         record = self._last_records.get(state.name)
@@ -132,7 +214,7 @@ class LiveRun:
             weight = self._newest.weights[gps.source]
         return SensorRow(
             name=state.name,
-            port_state="stale" if state.port_state == SILENT else state.port_state,
+            port_state=_PORT_WORDS.get(state.port_state, state.port_state) if state.polling else "stopped",
             rate_hz=state.rate_hz,
             age_s=elapsed_s - sample.t_us / 1e6 if sample else float("nan"),
             fix_quality=gps.fix_quality if gps else -1,
@@ -151,6 +233,7 @@ def device_settings(config: Config) -> list[DeviceSettings]:
             port=config.sensors[name].port,
             driver=config.sensors[name].driver,
             baud=config.sensors[name].baud,
+            enabled=name not in config.tasks.stopped and ALL not in config.tasks.stopped,
             options=config.decoder_options(name),
         )
         for name in config.sources

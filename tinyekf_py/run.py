@@ -23,6 +23,7 @@ from acquisition.simulator.scenarios import ScenarioError
 from tinyekf_py.command_line import OneLineParser, complain, positive_seconds
 from tinyekf_py.config import METHODS, Config, ConfigError, apply_flat, config_text, load_config
 from tinyekf_py.console import ConsoleView
+from tinyekf_py.console_keys import ConsoleKeys
 from tinyekf_py.estimate import Estimate
 from tinyekf_py.heading_csv import HeadingCsvError, write_heading_csv
 from tinyekf_py.live import LiveRun
@@ -118,7 +119,10 @@ def _run_live(live: LiveRun, options: argparse.Namespace) -> int:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, end)
     view = ConsoleView()
-    with _logging_to(live.notices, quiet=view.takes_terminal and sys.stderr.isatty()):
+    with (
+        _logging_to(live.notices, quiet=view.takes_terminal and sys.stderr.isatty()),
+        ConsoleKeys(live.key_pressed if view.takes_terminal else None),
+    ):
         live.run(options.duration, view)
     return 0
 

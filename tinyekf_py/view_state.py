@@ -36,6 +36,15 @@ class SensorRow:
 
 
 @dataclass(frozen=True, slots=True)
+class TaskRow:
+    """One task as it is now."""
+
+    key: str  #: that starts and stops it
+    name: str
+    running: bool
+
+
+@dataclass(frozen=True, slots=True)
 class ViewState:
     """Everything on the screen."""
 
@@ -47,6 +56,7 @@ class ViewState:
     recording: str = ""  #: path; empty when nothing is recorded
     simulated: bool = False
     notices: tuple[str, ...] = ()  #: one-line messages, the latest last
+    tasks: tuple[TaskRow, ...] = ()
 
 
 def current_estimate(state: ViewState, waited_s: float) -> Estimate:

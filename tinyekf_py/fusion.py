@@ -95,7 +95,7 @@ class HeadingFusion:
         settings.deviation = [math.radians(term) for term in deviation_deg]
         settings.variation = math.nan if isinstance(variation_deg, str) else math.radians(variation_deg)
         settings.wants_variation = isinstance(variation_deg, str) and COMPASS in numbers
-        settings.mount = _rotation(mount_deg)
+        settings.mount = rotation(mount_deg)
         settings.specific_force = accel == "specific-force"
         settings.max_sigma = math.radians(max_sigma_deg)
         self._fusion = ffi.new("fusion_t *")
@@ -128,6 +128,13 @@ class HeadingFusion:
         """
         records = samples if isinstance(samples, bytes) else samples.tobytes()
         return estimates_to_array(self.feed_records(records), self.n_gps)
+
+    def consume(self, records: bytes) -> int:
+        """Take packed samples as `feed_records` does and make nothing of their rows but their number.
+
+        What is left is the C core's own time.
+        """
+        return sum(n for _, n in self._run(records))
 
     def set_task(self, t_us: int, name: str, running: bool) -> list[Estimate]:
         """Start or stop a task (a source's poll, cnw-s1 to -s3, ekf1 to ekf8) at `t_us`; the rows due before it.
@@ -231,7 +238,7 @@ def fusion_of(config: Config) -> HeadingFusion:
     )
 
 
-def _rotation(mount_deg: Sequence[float]) -> list[list[float]]:
+def rotation(mount_deg: Sequence[float]) -> list[list[float]]:
     """Rotation matrix from the IMU's axes to the boat's, by roll about x, then pitch about y, then yaw about z."""
     roll, pitch, yaw = (math.radians(angle) for angle in mount_deg)
     cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))

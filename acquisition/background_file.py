@@ -5,16 +5,20 @@ to a list; a thread of this file takes what has gathered, renders it to bytes, w
 second, so that a power cut costs no more than that. The order of `put` is the order in the file.
 
 Nothing of this ever raises into fusion: when writing fails (disk full, card gone), one line is logged, `failure`
-says why, and what comes later is counted in `lost`.
+says why, and what comes later is counted in `lost`, until the disk has room again: then writing goes on behind the
+last whole entry, and a second line says so. A file may be cut into pieces by size or age, the oldest removed.
 """
 
 from __future__ import annotations
 
 import logging
 import os
+import re
 import stat
 import threading
+import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -24,8 +28,24 @@ WRITE_PERIOD_S = 0.5
 #: Entries that may wait for a stalled disk: over ten minutes of five sensors, some 50 MB.
 MAX_WAITING = 200_000
 CLOSE_TIMEOUT_S = 10.0
+#: A disk that was full is written again when it has this much room: a minute of five sensors.
+RESUME_BYTES = 1 << 20
+RETRY_S = 1.0  # doubled up to the limit while writing fails again and again
+RETRY_LIMIT_S = 60.0
 
 _log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Rotation:
+    """When a file is continued in another one, and how many are kept; 0 is never, and all."""
+
+    max_bytes: int = 0
+    max_s: float = 0.0
+    keep: int = 0
+
+
+ONE_PIECE = Rotation()
 
 
 class BackgroundFile(Generic[Entry]):
@@ -34,33 +54,61 @@ class BackgroundFile(Generic[Entry]):
     The constructor raises OSError when the file cannot be created; nothing after it raises.
     """
 
-    def __init__(self, path: str | Path, header: bytes, render: Callable[[list[Entry]], bytes]) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        header: bytes,
+        render: Callable[[list[Entry]], bytes],
+        *,
+        rotation: Rotation = ONE_PIECE,
+        continued: Callable[[], bytes] | None = None,
+        gap: Callable[[int, str], bytes] | None = None,
+    ) -> None:
+        """`continued()` heads a further piece, by default as `header` does; `gap(lost, why)` is written after a gap."""
         self.path = Path(path)
         #: Why writing has ended, one line; empty while all is well.
         self.failure = ""
-        #: Entries that were put and will not be in the file.
-        self.lost = 0
+        self._refused = 0  # entries that were lost at once, counted by the caller of `put`
+        self._unwritten = 0  # lost later, counted by the thread
         self._render = render
+        self._rotation = rotation
+        self._continued = continued or (lambda: header)
+        self._gap = gap
+        self._pieces = [self.path]
+        self._piece_number = 0
+        self._size = 0  # of the piece, whole entries
+        self._begun_at = time.monotonic()
+        self._lost_before_gap = 0
+        self._retry_at = 0.0
+        self._retry_s = RETRY_S
         self._waiting: list[Entry] = []
         self._written = threading.Condition()
         self._wake = threading.Event()
         self._closing = False
         self._put_count = 0
         self._done_count = 0
-        self._fd = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
+        self._fd = _create(self.path)
         self._on_disk = stat.S_ISREG(os.fstat(self._fd).st_mode)  # a pipe or /dev/null cannot be synced
+        if rotation.max_bytes or rotation.max_s:
+            for old in _pieces_of(self.path):  # of an earlier run: the file that they continue is replaced
+                old.unlink(missing_ok=True)
         try:
-            self._write_all(header)
+            self._append(header)
         except OSError:
             os.close(self._fd)
             raise
         self._thread = threading.Thread(target=self._run, name=f"writer of {self.path.name}", daemon=True)
         self._thread.start()
 
+    @property
+    def lost(self) -> int:
+        """Entries that were put and will not be in the file."""
+        return self._refused + self._unwritten
+
     def put(self, entry: Entry) -> None:
         """Append `entry`; for one calling thread. Costs a list append."""
         if self.failure or self._closing:
-            self.lost += 1
+            self._refused += 1
             return
         self._waiting.append(entry)
         self._put_count += 1
@@ -92,7 +140,8 @@ class BackgroundFile(Generic[Entry]):
             entries = self._waiting[:]
             del self._waiting[: len(entries)]  # not a new list: `put` may have hold of this one
             if self.failure:
-                self.lost += len(entries)
+                self._unwritten += len(entries)
+                self._try_again()
             elif entries:
                 self._write_entries(entries)
             with self._written:
@@ -103,21 +152,90 @@ class BackgroundFile(Generic[Entry]):
                 return
 
     def _write_entries(self, entries: list[Entry]) -> None:
-        # The place where a later version may wait for room and resume: what failed here is still in `entries`.
         try:
-            self._write_all(self._render(entries))
+            self._append(self._render(entries))
             if self._on_disk:
                 os.fdatasync(self._fd)
+                self._rotate_if_due()
         except OSError as error:
-            self.lost += len(entries)
+            self._unwritten += len(entries)
             self._fail(error.strerror or str(error))
+        else:
+            self._retry_s = RETRY_S
 
-    def _write_all(self, text: bytes) -> None:
+    def _append(self, text: bytes) -> None:
+        """Write all of it, or leave the file as it was."""
         view = memoryview(text)
-        while view:
-            view = view[os.write(self._fd, view) :]
+        try:
+            while view:
+                view = view[os.write(self._fd, view) :]
+        except OSError:
+            if self._on_disk:
+                os.ftruncate(self._fd, self._size)
+                os.lseek(self._fd, self._size, os.SEEK_SET)
+            raise
+        self._size += len(text)
+
+    def _rotate_if_due(self) -> None:
+        limits = self._rotation
+        too_large = 0 < limits.max_bytes <= self._size
+        if not too_large and not 0 < limits.max_s <= time.monotonic() - self._begun_at:
+            return
+        self._begun_at = time.monotonic()  # a piece that cannot be begun is tried again after as long as this one
+        number = self._piece_number + 1
+        path = self.path.with_name(f"{self.path.stem}.{number:04d}{self.path.suffix}")
+        fd = _create(path)
+        before, self._fd = self._fd, fd
+        size, self._size = self._size, 0
+        try:
+            self._append(self._continued())
+        except OSError:
+            self._fd, self._size = before, size
+            os.close(fd)
+            path.unlink(missing_ok=True)
+            raise
+        os.close(before)
+        self._piece_number = number
+        self._pieces.append(path)
+        while limits.keep and len(self._pieces) > limits.keep:
+            self._pieces.pop(0).unlink(missing_ok=True)
+
+    def _try_again(self) -> None:
+        """After a failure: go on when the disk has room."""
+        now = time.monotonic()
+        if not self._on_disk or now < self._retry_at:
+            return
+        self._retry_at = now + RETRY_S
+        try:
+            room = os.fstatvfs(self._fd)
+            if room.f_bavail * room.f_frsize < RESUME_BYTES:
+                return
+            lost = self.lost - self._lost_before_gap
+            if self._gap is not None:
+                self._append(self._gap(lost, self.failure))
+        except OSError:
+            self._retry_later()
+            return
+        _log.warning("%s: writing goes on; %d entries were lost", self.path, lost)
+        self._lost_before_gap = self.lost
+        self._retry_later()
+        self.failure = ""
+
+    def _retry_later(self) -> None:
+        self._retry_at = time.monotonic() + self._retry_s
+        self._retry_s = min(2 * self._retry_s, RETRY_LIMIT_S)
 
     def _fail(self, reason: str) -> None:
         if not self.failure:
             self.failure = reason
             _log.error("%s: writing has stopped: %s", self.path, reason)
+
+
+def _create(path: Path) -> int:
+    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
+
+
+def _pieces_of(path: Path) -> list[Path]:
+    """The further pieces of the file `path`, as they are named."""
+    name = re.compile(re.escape(path.stem) + r"\.\d{4,}" + re.escape(path.suffix))
+    return [other for other in path.parent.iterdir() if name.fullmatch(other.name)]

@@ -27,7 +27,7 @@ from io import BufferedReader
 from pathlib import Path
 from typing import NamedTuple
 
-from acquisition.background_file import BackgroundFile
+from acquisition.background_file import ONE_PIECE, BackgroundFile, Rotation
 from acquisition.sample import SOURCES
 from acquisition.toml_value import toml_value
 
@@ -99,15 +99,35 @@ class RecordingWriter:
     An existing file is replaced. `config` are the flat keys that shape the result, as `#config` lines.
     """
 
-    def __init__(self, path: str | Path, start_utc: datetime, config: Mapping[str, object]) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        start_utc: datetime,
+        config: Mapping[str, object],
+        rotation: Rotation = ONE_PIECE,
+    ) -> None:
         if str(path).endswith(".gz"):
             raise RecordingError(f"cannot record to {path}: a compressed file does not survive a power cut; omit .gz")
         started = start_utc.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
         header = [f"{MAGIC.decode()}{VERSION}", f"#start {started}"]
         header += [f"#config {key}={toml_value(value)}" for key, value in config.items()]
-        text = "\n".join(header) + "\n"
+        text = ("\n".join(header) + "\n").encode("utf-8", "replace")
+        stopped: dict[str, None] = {}
+
+        def render(entries: list[_Entry]) -> bytes:
+            for _, verb, name in entries:
+                if isinstance(name, str) and verb == "stop":
+                    stopped[name] = None
+                elif isinstance(name, str) and verb == "start":
+                    stopped.pop(name, None)
+            return _render(entries)
+
+        def continued() -> bytes:
+            """The header of a further piece: it must do without those before it, which may be removed."""
+            return text + f"#config tasks.stopped={toml_value(list(stopped))}\n".encode()
+
         try:
-            self._file = BackgroundFile(path, text.encode("utf-8", "replace"), _render)
+            self._file = BackgroundFile(path, text, render, rotation=rotation, continued=continued, gap=_gap)
         except OSError as error:
             raise RecordingError(f"cannot record to {path}: {error.strerror}") from error
 
@@ -142,7 +162,14 @@ class RecordingWriter:
         self._file.close()
 
 
-def _render(entries: list[tuple[int, str, bytes] | tuple[int, str, str]]) -> bytes:
+_Entry = tuple[int, str, bytes] | tuple[int, str, str]
+
+
+def _gap(lost: int, why: str) -> bytes:
+    return f"# {lost} entries are missing here: {why}\n".encode()
+
+
+def _render(entries: list[_Entry]) -> bytes:
     texts = []
     for t_us, word, rest in entries:
         stamp = format_seconds(t_us)

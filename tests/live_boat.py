@@ -30,6 +30,8 @@ SENSORS = tuple(LINK_NAMES)
 
 #: From a device's line to what it sends instead: other bytes, or None for nothing.
 Mangle = Callable[[bytes], bytes | None]
+#: What a test waits for in the program's status.
+Found = Callable[[dict[str, Any]], object]
 
 
 class Cable:
@@ -108,6 +110,11 @@ class Boat:
             cable.close()
 
 
+def is_whole(status: dict[str, Any]) -> bool:
+    """Whether every sensor speaks and the heading is ok."""
+    return status["mode"] == "ok" and all(sensor["port_state"] == "open" for sensor in status["sensors"].values())
+
+
 class Program:
     """The live program on a boat, recording and writing its heading CSV."""
 
@@ -140,7 +147,7 @@ class Program:
         assert "error" not in answer, answer
         return answer
 
-    def until(self, found: Callable[[dict[str, Any]], object], what: str, limit_s: float = DEADLINE_S) -> dict[str, Any]:
+    def until(self, found: Found, what: str, limit_s: float = DEADLINE_S) -> dict[str, Any]:
         """Ask for the status until it is so; that status."""
         end = time.monotonic() + limit_s
         while True:
@@ -155,11 +162,7 @@ class Program:
 
     def until_whole(self, limit_s: float = DEADLINE_S) -> dict[str, Any]:
         """Wait until every sensor speaks and the heading is ok."""
-        return self.until(
-            lambda status: status["mode"] == "ok" and all(s["port_state"] == "open" for s in status["sensors"].values()),
-            "whole",
-            limit_s,
-        )
+        return self.until(is_whole, "whole", limit_s)
 
     def end(self) -> int:
         """SIGTERM; the exit status."""

@@ -189,6 +189,15 @@ class OutputsConfig:
     recording: str = key("", "The recording of every line received, for replays; empty for none.", text)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordingConfig:
+    """How a recording is cut into pieces, REC, REC.0001 and so on; a replay is given all of them."""
+
+    max_mb: float = key(0.0, "Size at which a piece ends; 0 for no limit.", number(0, 1e6), unit="MB (1,000,000 bytes)")
+    max_hours: float = key(0.0, "Age at which a piece ends; 0 for no limit.", number(0, 1e5), unit="hours")
+    keep: int = key(0, "Pieces kept, the oldest being removed; 0 keeps all.", integer(0, 1_000_000))
+
+
 def default_sensor(name: str) -> SensorConfig:
     """The sensor `name` (of `SOURCES`) as it is unless configured otherwise."""
     if name == "compass":
@@ -209,6 +218,7 @@ class Config:
     fusion: FusionConfig = FusionConfig()
     tasks: TasksConfig = TasksConfig()
     outputs: OutputsConfig = OutputsConfig()
+    recording: RecordingConfig = RecordingConfig()
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -284,12 +294,13 @@ def _sections(config: Config) -> Iterator[tuple[str, object]]:
     yield "fusion.cnw-ekf", config.fusion.cnw_ekf
     yield "tasks", config.tasks
     yield "outputs", config.outputs
+    yield "recording", config.recording
 
 
 def _lay_over(config: Config, tables: Mapping[str, Any], where: str) -> Config:
     for name in tables:
-        if name not in ("vessel", "sensors", "fusion", "tasks", "outputs"):
-            raise _unknown(name, where, ["vessel", "sensors", "fusion", "tasks", "outputs"])
+        if name not in ("vessel", "sensors", "fusion", "tasks", "outputs", "recording"):
+            raise _unknown(name, where, ["vessel", "sensors", "fusion", "tasks", "outputs", "recording"])
     sensors = dict(config.sensors)
     for name, table in _table(tables, "sensors", where).items():
         if name not in SOURCES:
@@ -303,6 +314,7 @@ def _lay_over(config: Config, tables: Mapping[str, Any], where: str) -> Config:
         fusion=dataclasses.replace(_section(config.fusion, "fusion", fusion_table, where), cnw_ekf=cnw_ekf),
         tasks=_section(config.tasks, "tasks", tables.get("tasks", {}), where),
         outputs=_section(config.outputs, "outputs", tables.get("outputs", {}), where),
+        recording=_section(config.recording, "recording", tables.get("recording", {}), where),
     )
     _check_whole(changed, where)
     return changed

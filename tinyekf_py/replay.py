@@ -19,6 +19,7 @@ from acquisition.recording import Event, Line, RecordingReader, read_recording
 from tinyekf_py.config import Config, apply_flat
 from tinyekf_py.estimate import Estimate, estimates_to_array
 from tinyekf_py.fusion import HeadingFusion, fusion_of
+from tinyekf_py.tasks import Tasks, task_names
 
 _BATCH = 2000  # samples fed at a time
 
@@ -49,6 +50,8 @@ class Replay:
         self.reader = reader
         self.config = config
         self.fusion: HeadingFusion = fusion_of(config)
+        for name in Tasks(task_names(config.sources, config.n_gps), config.tasks.stopped).stopped:
+            self.fusion.set_task(0, name, running=False)
         self._decoders: dict[str, Decoder] = {}
         for name in config.sources:
             self._renew(name)

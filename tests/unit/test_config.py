@@ -77,7 +77,7 @@ def test_a_printed_configuration_reads_back_as_itself(tmp_path: Path) -> None:
 def test_every_key_is_printed_with_its_sentence_unit_and_default() -> None:
     text = config_text()
     tables = tomllib.loads(text)
-    assert set(tables) == {"vessel", "sensors", "fusion", "tasks", "outputs"}
+    assert set(tables) == {"vessel", "sensors", "fusion", "tasks", "outputs", "recording"}
     for section in (Config().vessel, Config().fusion, Config().fusion.cnw_ekf, *Config().sensors.values()):
         for name, declared in keys_of(section).items():
             assert f"# {declared.doc}\n# {f'Unit: {declared.unit}. ' if declared.unit else ''}Default: " in text

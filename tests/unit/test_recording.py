@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from acquisition.background_file import Rotation
 from acquisition.recording import (
     Event,
     Line,
@@ -285,3 +286,42 @@ def test_the_real_recordings_are_read_without_loss(recordings: Path) -> None:
         reader = read_recording(recordings / name)
         assert sum(1 for _ in reader) > 7000
         assert not reader.dropped
+
+
+def _rotated(tmp_path: Path, keep: int) -> list[Path]:
+    """A recording of 60 lines in pieces of about ten, gps2 being stopped at the 15th."""
+    writer = RecordingWriter(tmp_path / "r.rec", START, {"fusion.method": "cnw3"}, Rotation(300, keep=keep))
+    for n in range(60):
+        if n == 15:
+            writer.event(n * 10_000, "stop", "gps2")
+        writer.line(n * 10_000, "imu", b"*1.0,2.0,%d" % n)
+        writer.flush()
+    writer.close()
+    return sorted(tmp_path.iterdir(), key=lambda path: path.stat().st_mtime_ns)
+
+
+def test_pieces_replay_as_one(tmp_path: Path) -> None:
+    pieces = _rotated(tmp_path, keep=0)
+    assert len(pieces) > 3
+    assert {path.name for path in pieces} >= {"r.rec", "r.0001.rec", "r.0002.rec"}
+    reader = read_recording(pieces)
+    entries = list(reader)
+    assert [entry.line for entry in entries if isinstance(entry, Line)] == [b"*1.0,2.0,%d" % n for n in range(60)]
+    assert entries.index(Event(150_000, "stop", "gps2")) == 15
+    assert reader.config == {"fusion.method": "cnw3"}
+
+
+def test_old_pieces_are_removed_and_the_rest_does_without_them(tmp_path: Path) -> None:
+    pieces = _rotated(tmp_path, keep=2)
+    assert len(pieces) == 2
+    reader = read_recording(pieces)
+    assert reader.start_utc == START
+    assert reader.config == {"fusion.method": "cnw3", "tasks.stopped": ["gps2"]}
+    assert list(reader)[-1] == Line(590_000, "imu", b"*1.0,2.0,59")
+
+
+def test_a_new_recording_replaces_all_pieces_of_an_older_one_and_nothing_else(tmp_path: Path) -> None:
+    for name in ("r.rec", "r.0001.rec", "r.0042.rec", "r.old.rec", "other.0001.rec"):
+        (tmp_path / name).write_text("old")
+    RecordingWriter(tmp_path / "r.rec", START, {}, Rotation(1000)).close()
+    assert {path.name for path in tmp_path.iterdir()} == {"r.rec", "r.old.rec", "other.0001.rec"}

@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from datetime import UTC, datetime
 
+from acquisition.background_file import Rotation
 from acquisition.device import DeviceSettings, DeviceState
 from acquisition.message import CLOSED, LINE, RESTART, SILENT
 from acquisition.recording import RecordingWriter
@@ -28,6 +29,7 @@ from tinyekf_py.control_socket import ControlServer, Request, listening_path
 from tinyekf_py.estimate import Estimate
 from tinyekf_py.fusion import fusion_of
 from tinyekf_py.heading_csv import HeadingCsvWriter
+from tinyekf_py.service_notify import ServiceNotifier
 from tinyekf_py.tasks import ALL, Switch, TaskError, Tasks, task_key, task_names
 from tinyekf_py.view_state import SensorRow, TaskRow, ViewState, current_estimate
 
@@ -56,6 +58,7 @@ class LiveRun:
         self._last_records: dict[str, bytes] = {}
         self._notices: deque[str] = deque(maxlen=_NOTICES)
         self._tasks = Tasks(task_names(config.sources, self._fusion.n_gps), config.tasks.stopped)
+        self._notifier = ServiceNotifier()
         self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
         self._recording: RecordingWriter | None = None
         self._csv: HeadingCsvWriter | None = None
@@ -84,7 +87,10 @@ class LiveRun:
         outputs = self._config.outputs
         with ExitStack() as stack:
             if outputs.recording:
-                self._recording = RecordingWriter(outputs.recording, self._start_utc, result_config(self._config))
+                limits = self._config.recording
+                rotation = Rotation(round(limits.max_mb * 1e6), limits.max_hours * 3600.0, limits.keep)
+                config = result_config(self._config)
+                self._recording = RecordingWriter(outputs.recording, self._start_utc, config, rotation)
                 stack.callback(self._recording.close)
             if outputs.csv:
                 self._csv = HeadingCsvWriter(outputs.csv, self._fusion.n_gps)
@@ -96,6 +102,7 @@ class LiveRun:
             stack.enter_context(ControlServer(listening_path(), self.ask))
             if view is not None:
                 stack.enter_context(view)
+            stack.enter_context(self._notifier)
             self._loop(supervisor, duration_s, view)
 
     def _loop(self, supervisor: Supervisor, duration_s: float | None, view: ConsoleView | None) -> None:
@@ -114,6 +121,7 @@ class LiveRun:
             while not self._requests.empty():
                 request = self._requests.get()
                 request.answer.put(self._answer(request.words, supervisor))
+            self._notifier.turned(now, self._newest.mode if self._newest is not None else "waiting for sensors")
             if view is not None and now >= next_view:
                 next_view = now + VIEW_PERIOD_S
                 view.show(self._view_state(supervisor.states))

@@ -27,6 +27,7 @@ from tinyekf_py.console_keys import ConsoleKeys
 from tinyekf_py.estimate import Estimate
 from tinyekf_py.heading_csv import HeadingCsvError, write_heading_csv
 from tinyekf_py.live import LiveRun
+from tinyekf_py.program_log import start_program_log
 from tinyekf_py.replay import Replay
 from tinyekf_py.simulated_devices import SimulatedDevices, SimulationError
 from tinyekf_py.view_state import ViewState
@@ -55,7 +56,7 @@ def _parser() -> OneLineParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; the exit status."""
-    logging.basicConfig(format="%(asctime)s %(levelname)s %(message)s", datefmt="%H:%M:%S", level=logging.INFO)
+    start_program_log()
     parser = _parser()
     try:
         options = parser.parse_args(argv)

@@ -16,7 +16,7 @@ from cffi import FFI
 
 ROOT = Path(__file__).resolve().parent.parent
 CSRC = Path(os.path.relpath(ROOT / "csrc"))
-HEADERS = ("angle.h", "local_frame.h", "cnw.h", "covariance_intersection.h", "fusion.h")
+HEADERS = ("angle.h", "local_frame.h", "cnw.h", "covariance_intersection.h", "fusion.h", "vehicle.h")
 SOURCES = sorted(str(path) for path in CSRC.glob("*.c"))
 #: -ffp-contract=off: a fused multiply-add would give other last digits on one board than on another.
 COMPILE_ARGS = ["-std=c11", "-O2", "-ffp-contract=off"]

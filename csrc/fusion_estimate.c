@@ -127,19 +127,19 @@ static fusion_mode_t heading_mode(const fusion_t *fusion, int64_t t_us, const an
     const int compass = source_clock_is_fresh(&fusion->compass_clock, t_us);
     const int imu = source_clock_is_fresh(&fusion->imu_clock, t_us);
     int aboard = 0;
-    int azimuths = 0;
+    int tracks = 0;
     int fixes = 0;
     double weights = 0.0;
     for (int i = 0; i < fusion->settings.n_gps; i++) {
         aboard += fusion_has_gps(fusion, i);
-        azimuths += isfinite(receiver_azimuth(&fusion->gps[i], t_us));
+        tracks += receiver_carries_heading(&fusion->gps[i], t_us);
         fixes += receiver_has_fix(&fusion->gps[i], t_us);
         weights += receiver_weight(&fusion->gps[i], t_us);
     }
-    if (!isfinite(answer->heading) || !(answer->sigma <= fusion->settings.max_sigma) || !(azimuths || compass || imu)) {
+    if (!isfinite(answer->heading) || !(answer->sigma <= fusion->settings.max_sigma) || !(tracks || compass || imu)) {
         return FUSION_INVALID;
     }
-    if (!azimuths && !compass) {
+    if (!tracks && !compass) {
         return FUSION_DEAD_RECKONING;
     }
     int stopped = 0;

@@ -10,7 +10,8 @@ static const double speed_holds_s = 2.0;
 
 void receiver_reset(receiver_t *receiver)
 {
-    *receiver = (receiver_t){.position_us = SOURCE_NEVER, .speed_us = SOURCE_NEVER, .azimuth = NAN};
+    *receiver =
+        (receiver_t){.position_us = SOURCE_NEVER, .speed_us = SOURCE_NEVER, .azimuth_us = SOURCE_NEVER, .azimuth = NAN};
     source_clock_reset(&receiver->clock);
 }
 
@@ -40,11 +41,20 @@ void receiver_take(receiver_t *receiver, const sample_t *sample, int64_t t_us, i
         receiver->weight = stage1_runs ? cnw_stage1(sample->code, gps->hdop) : 1.0;
     }
     receiver->azimuth = azimuth;
+    if (isfinite(azimuth)) {
+        receiver->azimuth_us = t_us;
+    }
 }
 
 int receiver_has_fix(const receiver_t *receiver, int64_t now_us)
 {
     return receiver->valid && source_clock_is_fresh(&receiver->clock, now_us);
+}
+
+int receiver_carries_heading(const receiver_t *receiver, int64_t now_us)
+{
+    return receiver_has_fix(receiver, now_us) && receiver->azimuth_us != SOURCE_NEVER &&
+           now_us - receiver->azimuth_us <= source_clock_patience_us(&receiver->clock);
 }
 
 double receiver_weight(const receiver_t *receiver, int64_t now_us)

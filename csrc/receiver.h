@@ -13,6 +13,7 @@ typedef struct {
     int64_t position_us; /* its stamp */
     double weight;       /* stage 1, of the last sample */
     double azimuth;      /* FAz, rad; NaN: none */
+    int64_t azimuth_us;  /* stamp of the last one that was not NaN */
     double speed;        /* over ground, m/s, the last one given */
     int64_t speed_us;    /* its stamp */
 } receiver_t;
@@ -24,6 +25,9 @@ void receiver_take(receiver_t *receiver, const sample_t *sample, int64_t t_us, i
 
 /* Fresh, and its last sample valid. */
 int receiver_has_fix(const receiver_t *receiver, int64_t now_us);
+
+/* It has a fix, and its track showed an azimuth not long ago: a position repeated now and then is no silence. */
+int receiver_carries_heading(const receiver_t *receiver, int64_t now_us);
 
 /* Weight, azimuth and speed as they count at a moment: 0, NaN and 0 when they are too old. */
 double receiver_weight(const receiver_t *receiver, int64_t now_us);

@@ -20,13 +20,16 @@ void source_clock_tick(source_clock_t *clock, int64_t t_us)
     clock->last_us = t_us;
 }
 
+int64_t source_clock_patience_us(const source_clock_t *clock)
+{
+    const int64_t patience = 3 * clock->period_us;
+    return patience > least_patience_us ? patience : least_patience_us;
+}
+
 int source_clock_is_fresh(const source_clock_t *clock, int64_t now_us)
 {
-    if (clock->stopped || clock->last_us == SOURCE_NEVER) {
-        return 0;
-    }
-    const int64_t patience = 3 * clock->period_us;
-    return now_us - clock->last_us <= (patience > least_patience_us ? patience : least_patience_us);
+    return !clock->stopped && clock->last_us != SOURCE_NEVER &&
+           now_us - clock->last_us <= source_clock_patience_us(clock);
 }
 
 double source_seconds_since(int64_t then_us, int64_t now_us)

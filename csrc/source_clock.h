@@ -19,6 +19,9 @@ void source_clock_reset(source_clock_t *clock);
 /* Notes a sample. */
 void source_clock_tick(source_clock_t *clock, int64_t t_us);
 
+/* How long a silence it is allowed. */
+int64_t source_clock_patience_us(const source_clock_t *clock);
+
 int source_clock_is_fresh(const source_clock_t *clock, int64_t now_us);
 
 /* Seconds from one stamp to a later one. INFINITY when there was none. */

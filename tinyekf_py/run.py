@@ -107,6 +107,8 @@ def _live(options: argparse.Namespace) -> int:
     if not options.simulate:
         return _run_live(LiveRun(config, start_us=start_us), options)
     truth = Path(config.outputs.recording).with_suffix(".truth.csv") if config.outputs.recording else None
+    if truth is not None and not truth.parent.is_dir():
+        truth = None  # the recording will complain
     wanted = ["--scenario", options.scenario] if options.scenario is not None else []
     wanted += ["--seed", str(options.seed)] if options.seed is not None else []
     with SimulatedDevices(wanted, truth=truth, start_us=start_us) as devices:

@@ -66,6 +66,7 @@ function s = start_state(o, method)
   s.valid = false(1, n);
   s.w = zeros(1, n);
   s.faz = NaN(1, n);          % deg
+  s.faz_time = -Inf(1, n);    % stamp of the last finite one
   s.fix = NaN(n, 2);          % last valid position, deg
   s.fix_time = -Inf(1, n);
   s.speed = NaN(1, n);
@@ -185,6 +186,9 @@ function s = take_gps(s, t, i, sample, o)
     end
     if t - s.fix_time(i) <= 2e6
       s.faz(i) = forward_azimuth(s.fix(i, 1), s.fix(i, 2), lat, lon);
+      if isfinite(s.faz(i))
+        s.faz_time(i) = t;
+      end
     end
     s.fix(i, :) = [lat lon];
     s.fix_time(i) = t;
@@ -369,7 +373,8 @@ function row = one_row(s, t, o)
   end
   fit = source_fresh;
   fit(1:n) = fit(1:n) & s.valid;
-  absolute = any(isfinite(faz)) || isfinite(compass);
+  moving = t - s.faz_time <= max(3 * s.period(1:n), 1e6);
+  absolute = any(fit(1:n) & moving) || isfinite(compass);
   stopped = ~all(s.stage_on) || ~all(s.filter_on);
   if ~isfinite(heading) || ~(absolute || imu_fresh) || sigma > o.max_sigma_deg
     mode = 0;

@@ -9,7 +9,7 @@ C_TESTS := $(patsubst tests/c/%.c,build/c/%,$(wildcard tests/c/test_*.c))
 WARNINGS := -Wall -Wextra -Wpedantic -Wconversion -Werror -std=c11
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 
-.PHONY: run test lint bench clean install test-c goldens
+.PHONY: run test lint bench bench-accuracy clean install test-c goldens
 
 run: install  ## the live program on five simulated devices
 	$(BIN)/tinyekf run --simulate
@@ -42,6 +42,10 @@ build/c/%: tests/c/%.c tests/c/expect.h $(wildcard csrc/*)
 
 bench: install
 	$(BIN)/python bench/run.py
+
+bench-accuracy: install  ## methods against the truth over the named scenarios
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[bench]"
+	$(BIN)/python bench/accuracy/run.py
 
 clean:
 	rm -rf build dist $(VENV) *.egg-info tinyekf_py/_core.c tinyekf_py/*.so .pytest_cache .mypy_cache .ruff_cache .hypothesis

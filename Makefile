@@ -41,7 +41,14 @@ build/c/%: tests/c/%.c tests/c/expect.h $(wildcard csrc/*)
 	gcc $(WARNINGS) $(SANITIZE) -O1 -g -ffp-contract=off -Icsrc $< $(C_SOURCES) -lm -o $@
 
 bench: install
-	$(BIN)/python bench/run.py
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[bench]"
+	$(MAKE) --no-print-directory -C bench/ekf
+	$(BIN)/python bench/python_filter.py
+	$(BIN)/python bench/replay.py
+	$(BIN)/python bench/live_load.py
+
+goldens: install  ## the reference's outputs anew, by GNU Octave
+	PYTHON=$(BIN)/python sh tests/reference/make_goldens.sh
 
 bench-accuracy: install  ## methods against the truth over the named scenarios
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[bench]"

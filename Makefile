@@ -3,6 +3,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable
 C_SOURCES := $(wildcard csrc/*.c)
 C_FILES := $(wildcard csrc/*.[ch] csrc/*.inc tests/c/*.[ch] bench/*/*.[ch])
 C_TESTS := $(patsubst tests/c/%.c,build/c/%,$(wildcard tests/c/test_*.c))
@@ -11,18 +12,20 @@ SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-fra
 
 .PHONY: run test lint bench bench-accuracy clean install test-c goldens
 
-run: install  ## the live program on five simulated devices
+run: $(VENV)/run  ## the live program on five simulated devices
 	$(BIN)/tinyekf run --simulate
 
 test: install lint test-c  ## everything
 	$(BIN)/python -m pytest
 
-install: $(VENV)/installed
+install: $(VENV)/install
 
-# The core is rebuilt whenever something that goes into it has changed.
-$(VENV)/installed: pyproject.toml setup.py tinyekf_py/_core_build.py $(wildcard csrc/*)
+# What to run takes little; what to test takes all extras. The core is rebuilt whenever something in it has changed.
+$(VENV)/run: EXTRAS := console,geomag
+$(VENV)/install: EXTRAS := test,all
+$(VENV)/run $(VENV)/install: pyproject.toml setup.py tinyekf_py/_core_build.py $(wildcard csrc/*)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[test,all]"
+	$(PIP) ".[$(EXTRAS)]"
 	touch $@
 
 lint: install
@@ -41,7 +44,7 @@ build/c/%: tests/c/%.c tests/c/expect.h $(wildcard csrc/*)
 	gcc $(WARNINGS) $(SANITIZE) -O1 -g -ffp-contract=off -Icsrc $< $(C_SOURCES) -lm -o $@
 
 bench: install
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[bench]"
+	$(PIP) ".[bench]"
 	$(MAKE) --no-print-directory -C bench/ekf
 	$(BIN)/python bench/python_filter.py
 	$(BIN)/python bench/replay.py
@@ -51,7 +54,7 @@ goldens: install  ## the reference's outputs anew, by GNU Octave
 	PYTHON=$(BIN)/python sh tests/reference/make_goldens.sh
 
 bench-accuracy: install  ## methods against the truth over the named scenarios
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[bench]"
+	$(PIP) ".[bench]"
 	$(BIN)/python bench/accuracy/run.py
 
 clean:

@@ -229,7 +229,7 @@ static int is_circle(const vehicle_t *v, const vehicle_epoch_t *epoch, double dt
 }
 
 /* The current epoch's unknowns become the old ones of the next. */
-static void keep(vehicle_t *v, const lsa_result_t *r, double dt)
+static void keep(vehicle_t *v, const lsa_result_t *r, double acceleration, double dt)
 {
     const geometry_t g = geometry(r->x, v->circle);
     const dependent_t now[3] = {{r->x[X1], {[X1] = 1}}, {r->x[Y1], {[Y1] = 1}}, g.azimuth};
@@ -254,7 +254,7 @@ static void keep(vehicle_t *v, const lsa_result_t *r, double dt)
         v->pose[a] = now[a].value;
     }
     v->pose[2] = angle_wrap(v->pose[2]);
-    v->speed_mps = g.length.value / dt;
+    v->speed_mps = g.length.value / dt + (isfinite(acceleration) ? 0.5 * dt * acceleration : 0.0); /* at its end */
     v->speed_sigma_mps = sqrt(fmax(speed_variance, 0.0)) / dt;
 }
 
@@ -291,7 +291,7 @@ void vehicle_adjust_epoch(vehicle_t *v, const vehicle_epoch_t *epoch, double dt,
             }
             continue;
         }
-        keep(v, &r, dt);
+        keep(v, &r, isfinite(epoch->bosch_mps2) ? epoch->bosch_mps2 : epoch->xsens_mps2, dt);
         for (int k = 0; k < e.o.n_observations; k++) {
             estimate->used = (double)((uint32_t)estimate->used | e.bits[k]);
         }

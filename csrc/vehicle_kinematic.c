@@ -11,46 +11,72 @@ enum { PX, PY, VX, VY, PX0, PY0, VX0, VY0, STATES };
 /* Below this speed, in m/s, a velocity has no direction worth a rotation. */
 static const double no_direction_mps = 0.05;
 
-/* Where the model is linearised, and what both epochs have there. */
+/* The prediction, of both epochs. */
 typedef struct {
     double x[STATES];
     double speed, azimuth;         /* now */
     double old_speed, old_azimuth; /* then */
     double length, chord_azimuth;  /* of the way between */
-} linearised_t;
+} prediction_t;
 
-/* The augmented prediction: constant velocity but for the acceleration along it; noise of the acceleration along and
- * across, constant between epochs, and a little of the position, without which the covariance would be singular. */
-static void predict(const vehicle_t *v, double azimuth, double speed, double acceleration, double dt, double x[STATES],
-                    double P[STATES][STATES])
+/* The augmented prediction: the velocity turned by what the gyros say and longer by what the accelerometer says, the way
+ * halfway between. That the rotation is observed too counts it twice by next to nothing, the noise across being far wider;
+ * predicting straight on instead, the tangent's correction would make the vehicle faster in every curve. Noise of the
+ * acceleration along and across, constant between epochs, and a little of the position, without which the covariance
+ * would be singular. What is observed is linearised at this prediction. */
+static prediction_t predict(const vehicle_t *v, double acceleration, double turn, double dt, double P[STATES][STATES])
 {
     const vehicle_options_t *o = &v->options;
-    const double u[2] = {cos(azimuth), sin(azimuth)};
-    const double n[2] = {-u[1], u[0]};
+    const double azimuth = v->pose[2];
+    const double speed = v->speed_mps;
     const int measured = isfinite(acceleration);
     const double a = measured ? acceleration : 0.0;
     const double along =
         measured ? o->accel_sigma_mps2[1] * o->accel_sigma_mps2[1] : o->along_density * o->along_density / dt;
     const double across = o->lateral_density * o->lateral_density / dt;
-    const double turning = speed > no_direction_mps ? a / speed : 0.0; /* the acceleration turns with the velocity */
-    const double S[2] = {0.5 * dt * dt, dt};                           /* on position, on velocity */
+    const double S[2] = {0.5 * dt * dt, dt}; /* of an acceleration on position, on velocity */
+    const double turning[2] = {turn / 2.0, turn};
+    const double of_speed = speed > no_direction_mps ? a / speed : 0.0; /* the acceleration turns with the velocity */
+    const double n[2] = {-sin(azimuth), cos(azimuth)};
+    const double middle[2] = {cos(azimuth + turn / 2.0), sin(azimuth + turn / 2.0)};
 
+    prediction_t p = {.old_speed = speed,
+                      .old_azimuth = azimuth,
+                      .speed = speed + a * dt,
+                      .azimuth = azimuth + turn,
+                      .length = speed * dt + S[0] * a,
+                      .chord_azimuth = azimuth + turn / 2.0};
     double T[4][4] = {{0}};
     double Q[4][4];
-    for (int i = 0; i < 4; i++) {
-        const int xy = i % 2;
-        const int of_velocity = i / 2;
-        x[i] = (double)v->ekf.x[i] + (of_velocity ? 0.0 : dt * (double)v->ekf.x[i + 2]) + S[of_velocity] * a * u[xy];
-        x[i + 4] = (double)v->ekf.x[i];
-        T[i][i] = 1.0;
-        for (int j = 0; j < 2; j++) {
-            T[i][j + 2] += (of_velocity ? 0.0 : (xy == j) * dt) + S[of_velocity] * turning * n[xy] * n[j];
+    for (int block = 0; block < 2; block++) {
+        const double c = cos(turning[block]);
+        const double s = sin(turning[block]);
+        const double R[2][2] = {{c, -s}, {s, c}};
+        for (int i = 0; i < 2; i++) {
+            const int row = 2 * block + i;
+            for (int j = 0; j < 2; j++) {
+                for (int k = 0; k < 2; k++) {
+                    T[row][2 + j] += R[i][k] * ((k == j) * (block ? 1.0 : dt) + S[block] * of_speed * n[k] * n[j]);
+                }
+                for (int other = 0; other < 2; other++) {
+                    const double across_ij = (i ? middle[0] : -middle[1]) * (j ? middle[0] : -middle[1]);
+                    Q[row][2 * other + j] = S[block] * S[other] * (along * middle[i] * middle[j] + across * across_ij);
+                }
+            }
+            if (!block) {
+                T[row][row] = 1.0;
+                Q[row][row] += o->position_walk * o->position_walk * dt;
+            }
         }
-        for (int j = 0; j < 4; j++) {
-            Q[i][j] = S[of_velocity] * S[j / 2] * (along * u[xy] * u[j % 2] + across * n[xy] * n[j % 2]);
-        }
-        Q[i][i] += of_velocity ? 0.0 : o->position_walk * o->position_walk * dt;
     }
+    for (int i = 0; i < 4; i++) {
+        p.x[i + 4] = (double)v->ekf.x[i];
+    }
+    p.x[PX] = p.x[PX0] + p.length * cos(p.chord_azimuth);
+    p.x[PY] = p.x[PY0] + p.length * sin(p.chord_azimuth);
+    p.x[VX] = p.speed * cos(p.azimuth);
+    p.x[VY] = p.speed * sin(p.azimuth);
+
     double TP[4][4];
     for (int i = 0; i < 4; i++) {
         for (int j = 0; j < 4; j++) {
@@ -71,48 +97,23 @@ static void predict(const vehicle_t *v, double azimuth, double speed, double acc
             P[i + 4][j + 4] = (double)v->ekf.P[i][j];
         }
     }
+    return p;
 }
 
-/* The prediction turned by what the gyros say: closer to the truth than the straight line, and so a better place to
- * linearise. */
-static linearised_t linearise(const double x[STATES], double azimuth, double turn)
+/* Adds an observation: h its prediction, H its derivatives there. */
+static void add(vehicle_clone_measurement_t *m, int row, double z, double h, const double H[STATES], double variance)
 {
-    linearised_t at;
-    const double old_speed = hypot(x[VX0], x[VY0]);
-    const double length = hypot(x[PX] - x[PX0], x[PY] - x[PY0]);
-    for (int i = 0; i < STATES; i++) {
-        at.x[i] = x[i];
-    }
-    at.old_speed = old_speed;
-    at.old_azimuth = azimuth;
-    at.speed = hypot(x[VX], x[VY]);
-    at.azimuth = azimuth + turn;
-    at.length = length;
-    at.chord_azimuth = azimuth + turn / 2.0;
-    at.x[VX] = at.speed * cos(at.azimuth);
-    at.x[VY] = at.speed * sin(at.azimuth);
-    at.x[PX] = x[PX0] + length * cos(at.chord_azimuth);
-    at.x[PY] = x[PY0] + length * sin(at.chord_azimuth);
-    return at;
-}
-
-/* Adds an observation: h its value where it is linearised, H its derivatives there. */
-static void add(vehicle_clone_measurement_t *m, int row, double z, double h, const double H[STATES], double variance,
-                const linearised_t *at, const double x[STATES])
-{
-    double predicted = h;
     for (int i = 0; i < STATES; i++) {
         m->H[row][i] = (ekf_real)H[i];
-        predicted += H[i] * (x[i] - at->x[i]);
     }
     m->z[row] = (ekf_real)z;
-    m->hx[row] = (ekf_real)predicted;
+    m->hx[row] = (ekf_real)h;
     m->R[row][row] = (ekf_real)variance;
     m->rows |= 1u << row;
 }
 
 static void add_gps(vehicle_clone_measurement_t *m, const vehicle_t *v, const vehicle_epoch_t *epoch,
-                    const linearised_t *at, const double x[STATES])
+                    const prediction_t *at)
 {
     const double variance = vehicle_gps_variance(&v->options, epoch);
     const double *lever = v->options.lever_m;
@@ -128,12 +129,12 @@ static void add_gps(vehicle_clone_measurement_t *m, const vehicle_t *v, const ve
             H[VX] = by_azimuth[i] * -s / at->speed;
             H[VY] = by_azimuth[i] * c / at->speed;
         }
-        add(m, VEHICLE_X + i, z[i], at->x[PX + i] + arm[i], H, variance, at, x);
+        add(m, VEHICLE_X + i, z[i], at->x[PX + i] + arm[i], H, variance);
     }
 }
 
 static void add_turns(vehicle_clone_measurement_t *m, const vehicle_t *v, const vehicle_epoch_t *epoch, double dt,
-                      const linearised_t *at, const double x[STATES])
+                      const prediction_t *at)
 {
     if (!(at->speed > no_direction_mps && at->old_speed > no_direction_mps)) {
         return;
@@ -146,13 +147,13 @@ static void add_turns(vehicle_clone_measurement_t *m, const vehicle_t *v, const 
         const int row = VEHICLE_PHI_ODO + i;
         const double z = epoch->turn_rad[i];
         if (isfinite(z)) {
-            add(m, row, z, at->azimuth - at->old_azimuth, H, vehicle_variance(&v->options, row, z, dt), at, x);
+            add(m, row, z, at->azimuth - at->old_azimuth, H, vehicle_variance(&v->options, row, z, dt));
         }
     }
 }
 
 static void add_distances(vehicle_clone_measurement_t *m, const vehicle_t *v, const vehicle_epoch_t *epoch, double dt,
-                          double turn, const linearised_t *at, const double x[STATES])
+                          double turn, const prediction_t *at)
 {
     const double c = cos(at->chord_azimuth);
     const double s = sin(at->chord_azimuth);
@@ -160,11 +161,11 @@ static void add_distances(vehicle_clone_measurement_t *m, const vehicle_t *v, co
     const double share = vehicle_chord_share(turn);
     if (isfinite(epoch->odo_m)) {
         add(m, VEHICLE_S_ODO, epoch->odo_m * share, at->length, H,
-            vehicle_variance(&v->options, VEHICLE_S_ODO, epoch->odo_m, dt), at, x);
+            vehicle_variance(&v->options, VEHICLE_S_ODO, epoch->odo_m, dt));
     }
     if (isfinite(epoch->oss_m)) {
         add(m, VEHICLE_S_OSS, epoch->oss_m * share, at->length, H,
-            vehicle_variance(&v->options, VEHICLE_S_OSS, epoch->oss_m, dt), at, x);
+            vehicle_variance(&v->options, VEHICLE_S_OSS, epoch->oss_m, dt));
     }
     /* The accelerometer measures what the way is longer than the old velocity's; that of Bosch is in the prediction. */
     if (isfinite(epoch->xsens_mps2) && at->old_speed > no_direction_mps) {
@@ -173,7 +174,7 @@ static void add_distances(vehicle_clone_measurement_t *m, const vehicle_t *v, co
         H[VX0] = -dt * cos(at->old_azimuth);
         H[VY0] = -dt * sin(at->old_azimuth);
         add(m, VEHICLE_S_XSENS, gained, at->length - at->old_speed * dt, H,
-            sigma * sigma + vehicle_variance(&v->options, VEHICLE_S_XSENS, gained, dt), at, x);
+            sigma * sigma + vehicle_variance(&v->options, VEHICLE_S_XSENS, gained, dt));
     }
 }
 
@@ -246,22 +247,20 @@ void vehicle_kinematic_epoch(vehicle_t *v, const vehicle_epoch_t *epoch, double 
 {
     double turn_variance;
     const double turn = vehicle_turn(&v->options, epoch, ~0u, dt, &turn_variance);
-    double x[STATES];
     double P[STATES][STATES];
-    predict(v, v->pose[2], v->speed_mps, epoch->bosch_mps2, dt, x, P);
-    const linearised_t at = linearise(x, v->pose[2], isfinite(turn) ? turn : 0.0);
+    const prediction_t at = predict(v, epoch->bosch_mps2, isfinite(turn) ? turn : 0.0, dt, P);
 
     vehicle_clone_measurement_t m = {.rows = 0, .angle_rows = 15u << VEHICLE_PHI_ODO};
     if (vehicle_has_gps(epoch)) {
-        add_gps(&m, v, epoch, &at, x);
+        add_gps(&m, v, epoch, &at);
     }
-    add_turns(&m, v, epoch, dt, &at, x);
-    add_distances(&m, v, epoch, dt, turn, &at, x);
+    add_turns(&m, v, epoch, dt, &at);
+    add_distances(&m, v, epoch, dt, turn, &at);
     const uint32_t refused = gate(v, &m, P, epoch->t_s);
 
     vehicle_clone_t both = {.angle_states = 0};
     for (int i = 0; i < STATES; i++) {
-        both.x[i] = (ekf_real)x[i];
+        both.x[i] = (ekf_real)at.x[i];
         for (int j = 0; j < STATES; j++) {
             both.P[i][j] = (ekf_real)P[i][j];
         }

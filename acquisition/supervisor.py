@@ -14,7 +14,8 @@ import time
 from collections.abc import Sequence
 
 from acquisition.device import DeviceSettings, DeviceState
-from acquisition.message import HELLO, LINE, RESTART, Message, MessageError
+from acquisition.message import HELLO, LINE, OPEN, RESTART, Message, MessageError
+from acquisition.plug_monitor import PlugMonitor
 from acquisition.watched_device import NEVER, WatchedDevice
 from acquisition.worker_process import WorkerProcess
 
@@ -32,13 +33,21 @@ class Supervisor:
     thread that started it ends.
     """
 
-    def __init__(self, devices: Sequence[DeviceSettings], start_us: int) -> None:
-        """Start a worker per enabled device; `start_us` is the recording's start on the monotonic clock."""
+    def __init__(
+        self, devices: Sequence[DeviceSettings], start_us: int, plug_monitor: PlugMonitor | None = None
+    ) -> None:
+        """Start a worker per enabled device; `start_us` is the recording's start on the monotonic clock.
+
+        `plug_monitor` wakes workers that wait for their device; without one they look once a second.
+        """
         self._start_us = start_us
         self._selector = selectors.DefaultSelector()
         self._watched = {device.name: WatchedDevice(device) for device in devices}
         self._ended: list[WorkerProcess] = []  # killed, not yet reaped
         self._polled_at = time.monotonic()
+        self._plug_monitor = plug_monitor
+        if plug_monitor is not None:
+            self._selector.register(plug_monitor, selectors.EVENT_READ, None)
         for watched in self._watched.values():
             if watched.state.polling:
                 self._spawn(watched)
@@ -65,6 +74,9 @@ class Supervisor:
             messages: list[tuple[str, Message]] = []
             sources = 0
             for key, _ in self._selector.select(wait):
+                if key.data is None:
+                    self._look_for_plugged()
+                    continue
                 received = self._receive(key.data)
                 sources += bool(received)
                 messages += received
@@ -116,6 +128,14 @@ class Supervisor:
         for process in processes:
             process.release()
         self._selector.close()
+
+    def _look_for_plugged(self) -> None:
+        """Something was plugged in: whoever waits for a device looks whether it is his."""
+        assert self._plug_monitor is not None
+        if self._plug_monitor.take():
+            for name, watched in self._watched.items():
+                if watched.state.port_state != OPEN:
+                    self.retry(name)
 
     def _due(self) -> float:
         """When the next restart, or the next look at the heartbeats, is due (seconds on the monotonic clock)."""

@@ -20,6 +20,7 @@ from datetime import UTC, datetime
 from acquisition.background_file import Rotation
 from acquisition.device import DeviceSettings, DeviceState
 from acquisition.message import CLOSED, LINE, RESTART, SILENT
+from acquisition.plug_monitor import open_plug_monitor
 from acquisition.recording import RecordingWriter
 from acquisition.sample import SAMPLE_SIZE, GpsSample, unpack
 from acquisition.supervisor import Supervisor
@@ -95,7 +96,7 @@ class LiveRun:
             if outputs.csv:
                 self._csv = HeadingCsvWriter(outputs.csv, self._fusion.n_gps)
                 stack.callback(self._csv.close)
-            supervisor = Supervisor(device_settings(self._config), self._start_us)
+            supervisor = Supervisor(device_settings(self._config), self._start_us, open_plug_monitor())
             stack.callback(supervisor.close)
             for name in self._tasks.stopped:
                 self._switch(0, name, running=False)

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from acquisition.devices import COMPASS, GPS, IMU
-from acquisition.port import PortError, open_port
+from acquisition.port import open_port
+from acquisition.port_error import PortError
 
 #: Speeds in the order in which they are tried; a USB device and a pty ignore them.
 BAUDS = (115200, 9600, 4800, 38400)

@@ -19,12 +19,18 @@ import struct
 import termios
 from typing import TYPE_CHECKING, Protocol
 
-from acquisition.message import ABSENT, BUSY, DENIED, LOST, UNUSABLE
+from acquisition.port_error import (
+    READ_SIZE,
+    PortAbsentError,
+    PortBusyError,
+    PortDeniedError,
+    PortError,
+    PortLostError,
+    PortUnusableError,
+)
 
 if TYPE_CHECKING:
     from acquisition.url_port import UrlPort
-
-READ_SIZE = 4096  #: bytes asked for in one read: the line discipline's buffer
 
 _PTY_MAJORS = range(136, 144)  # Unix98 pty slaves
 _ABSENT_ERRORS = frozenset({errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.EIO, errno.ENOTDIR, errno.ELOOP})
@@ -35,40 +41,6 @@ _TCSETS2 = 0x402C542B
 _BOTHER = 0o010000
 _CBAUD = 0o010017
 _TERMIOS2 = struct.Struct("4I20s2I")
-
-
-class PortError(OSError):
-    """A port that cannot be opened or read; `state` is what a PORT message says of it."""
-
-    state = ABSENT
-
-
-class PortAbsentError(PortError):
-    """No such device, or nobody answers at that address. It may be plugged in later."""
-
-
-class PortDeniedError(PortError):
-    """The device is there, this user may not open it."""
-
-    state = DENIED
-
-
-class PortBusyError(PortError):
-    """Another program holds the device."""
-
-    state = BUSY
-
-
-class PortLostError(PortError):
-    """The device was open and vanished: unplugged, hung up, or its far end closed."""
-
-    state = LOST
-
-
-class PortUnusableError(PortError):
-    """What is there is no serial device, or does not take the settings."""
-
-    state = UNUSABLE
 
 
 class Port(Protocol):

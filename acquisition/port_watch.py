@@ -11,7 +11,8 @@ import errno
 from collections.abc import Callable
 
 from acquisition.message import ABSENT, CLOSED, LOST, OPEN, SILENT
-from acquisition.port import Port, PortError, open_port
+from acquisition.port import Port, open_port
+from acquisition.port_error import PortError
 
 SECOND_US = 1_000_000
 NEVER_US = 1 << 62

@@ -13,7 +13,7 @@ import threading
 
 import serial
 
-from acquisition.port import READ_SIZE, PortAbsentError, PortError, PortLostError, PortUnusableError
+from acquisition.port_error import READ_SIZE, PortAbsentError, PortError, PortLostError, PortUnusableError
 
 _READ_TIMEOUT_S = 1.0  # how soon the thread sees that the port was closed, where there is nothing to poll
 

@@ -25,7 +25,7 @@ from typing import NamedTuple
 from acquisition.decoder import Decoder, make_decoder
 from acquisition.message import COUNTS, ERROR, HELLO, LINE, LOG, PORT, pack_line, pack_text
 from acquisition.outbox import Outbox
-from acquisition.port import READ_SIZE
+from acquisition.port_error import READ_SIZE
 from acquisition.port_watch import NEVER_US, SECOND_US, PortWatch
 
 HEARTBEAT_US = SECOND_US

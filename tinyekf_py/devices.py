@@ -16,7 +16,7 @@ from pathlib import Path
 from acquisition.device_probe import probe
 from acquisition.device_rules import RULES_FILE, RuleError, gpsd_rules, rules_text
 from acquisition.devices import SerialDevice, guess_roles, list_serial_devices
-from acquisition.port import PortError
+from acquisition.port_error import PortError
 from tinyekf_py.command_line import OneLineParser, complain
 from tinyekf_py.config import Config, ConfigError, load_config
 

@@ -17,15 +17,8 @@ from pathlib import Path
 import pytest
 import serial
 
-from acquisition.port import (
-    Port,
-    PortAbsentError,
-    PortBusyError,
-    PortError,
-    PortLostError,
-    PortUnusableError,
-    open_port,
-)
+from acquisition.port import Port, open_port
+from acquisition.port_error import PortAbsentError, PortBusyError, PortError, PortLostError, PortUnusableError
 
 DEADLINE_S = 10.0
 NOBODY = 65534

@@ -8,13 +8,12 @@ enum { MAX_OBS = LSA_MAX_OBSERVATIONS, MAX_UNK = LSA_MAX_UNKNOWNS };
 
 /* Corrections below this, in metres and radians, are none. */
 static const double converged_below = 1e-10;
-/* Redundancy numbers below this are 0 but for rounding. */
-static const double no_redundancy = 1e-9;
+/* With less redundancy an error hardly shows: a test would judge rounding. */
+static const double no_redundancy = 1e-4;
 
-/* G = L^-1 of the Cholesky factor L of Q, so that G Q G' = I and Q^-1 = G' G. Returns 0 when Q is no covariance. */
-static int whitening(const lsa_observations_t *o, double G[MAX_OBS][MAX_OBS])
+/* The Cholesky factor L of Q and G = L^-1, so that G Q G' = I and Q^-1 = G' G. Returns 0 when Q is no covariance. */
+static int whitening(const lsa_observations_t *o, double L[MAX_OBS][MAX_OBS], double G[MAX_OBS][MAX_OBS])
 {
-    double L[MAX_OBS][MAX_OBS];
     for (int i = 0; i < o->n_observations; i++) {
         for (int j = 0; j <= i; j++) {
             double s = o->Q[i][j];
@@ -41,41 +40,49 @@ static int whitening(const lsa_observations_t *o, double G[MAX_OBS][MAX_OBS])
     return 1;
 }
 
-/* Qxx = N^-1 of a symmetric positive definite N of size n, by Cholesky. Returns 0 when it is not. */
-static int invert(const double N[MAX_UNK][MAX_UNK], int n, double inverse[MAX_UNK][MAX_UNK])
+/* B = E R with orthonormal columns E, in the place of B, by Gram-Schmidt done twice; and the inverse of R. The normal
+ * equations would square the condition, and at walking pace the digits would not suffice. Returns 0 when B has not full
+ * rank. */
+static int orthonormalise(double B[MAX_OBS][MAX_UNK], int n, int u, double inverse[MAX_UNK][MAX_UNK])
 {
-    double L[MAX_UNK][MAX_UNK];
-    double G[MAX_UNK][MAX_UNK] = {{0}};
-    for (int i = 0; i < n; i++) {
-        for (int j = 0; j <= i; j++) {
-            double s = N[i][j];
-            for (int k = 0; k < j; k++) {
-                s -= L[i][k] * L[j][k];
-            }
-            if (j < i) {
-                L[i][j] = s / L[j][j];
-            } else if (s > 1e-14 * N[i][i] && isfinite(s)) {
-                L[i][i] = sqrt(s);
-            } else {
-                return 0;
+    double R[MAX_UNK][MAX_UNK] = {{0}};
+    for (int c = 0; c < u; c++) {
+        double before = 0.0;
+        for (int i = 0; i < n; i++) {
+            before += B[i][c] * B[i][c];
+        }
+        for (int pass = 0; pass < 2; pass++) {
+            for (int d = 0; d < c; d++) {
+                double s = 0.0;
+                for (int i = 0; i < n; i++) {
+                    s += B[i][d] * B[i][c];
+                }
+                R[d][c] += s;
+                for (int i = 0; i < n; i++) {
+                    B[i][c] -= s * B[i][d];
+                }
             }
         }
-        G[i][i] = 1.0 / L[i][i];
-        for (int j = 0; j < i; j++) {
-            double s = 0.0;
-            for (int k = j; k < i; k++) {
-                s -= L[i][k] * G[k][j];
-            }
-            G[i][j] = s * G[i][i];
+        double after = 0.0;
+        for (int i = 0; i < n; i++) {
+            after += B[i][c] * B[i][c];
+        }
+        if (!(after > 1e-24 * before) || !isfinite(after)) {
+            return 0;
+        }
+        R[c][c] = sqrt(after);
+        for (int i = 0; i < n; i++) {
+            B[i][c] /= R[c][c];
         }
     }
-    for (int i = 0; i < n; i++) {
-        for (int j = 0; j <= i; j++) {
+    for (int c = 0; c < u; c++) {
+        inverse[c][c] = 1.0 / R[c][c];
+        for (int d = c - 1; d >= 0; d--) {
             double s = 0.0;
-            for (int k = i; k < n; k++) {
-                s += G[k][i] * G[k][j];
+            for (int k = d + 1; k <= c; k++) {
+                s -= R[d][k] * inverse[k][c];
             }
-            inverse[i][j] = inverse[j][i] = s;
+            inverse[d][c] = s / R[d][d];
         }
     }
     return 1;
@@ -92,113 +99,120 @@ static void misclosures(const lsa_observations_t *o, const double h[MAX_OBS], do
     }
 }
 
-/* One Gauss-Newton step from the misclosures; the largest correction, negative when singular. */
+/* One Gauss-Newton step from the misclosures, on whitened observations; E gets the whitened design's orthonormal columns
+ * and b the whitened misclosures. The largest correction, negative when singular. */
 static double correct(const lsa_observations_t *o, const double G[MAX_OBS][MAX_OBS], const double A[MAX_OBS][MAX_UNK],
-                      const double dl[MAX_OBS], lsa_result_t *result)
+                      const double dl[MAX_OBS], double E[MAX_OBS][MAX_UNK], double b[MAX_OBS], lsa_result_t *result)
 {
     const int n = o->n_observations;
     const int u = o->n_unknowns;
-    double B[MAX_OBS][MAX_UNK];
-    double N[MAX_UNK][MAX_UNK];
-    double rhs[MAX_UNK] = {0};
-    double b[MAX_OBS];
     for (int i = 0; i < n; i++) {
         b[i] = 0.0;
         for (int c = 0; c < u; c++) {
-            B[i][c] = 0.0;
+            E[i][c] = 0.0;
         }
         for (int k = 0; k <= i; k++) {
             if (G[i][k] != 0.0) {
                 b[i] += G[i][k] * dl[k];
                 for (int c = 0; c < u; c++) {
-                    B[i][c] += G[i][k] * A[k][c];
+                    E[i][c] += G[i][k] * A[k][c];
                 }
             }
         }
     }
-    for (int c = 0; c < u; c++) {
-        for (int d = 0; d <= c; d++) {
-            double s = 0.0;
-            for (int i = 0; i < n; i++) {
-                s += B[i][c] * B[i][d];
-            }
-            N[c][d] = N[d][c] = s;
-        }
-        for (int i = 0; i < n; i++) {
-            rhs[c] += B[i][c] * b[i];
-        }
-    }
-    if (!invert((const double(*)[MAX_UNK])N, u, result->Qxx)) {
+    double inverse[MAX_UNK][MAX_UNK] = {{0}};
+    if (!orthonormalise(E, n, u, inverse)) {
         return -1.0;
+    }
+    double along[MAX_UNK];
+    for (int c = 0; c < u; c++) {
+        along[c] = 0.0;
+        for (int i = 0; i < n; i++) {
+            along[c] += E[i][c] * b[i];
+        }
     }
     double largest = 0.0;
     for (int c = 0; c < u; c++) {
         double dx = 0.0;
-        for (int d = 0; d < u; d++) {
-            dx += result->Qxx[c][d] * rhs[d];
+        for (int d = c; d < u; d++) {
+            dx += inverse[c][d] * along[d];
         }
         result->x[c] += dx;
         largest = fmax(largest, fabs(dx));
+        for (int d = 0; d <= c; d++) {
+            double s = 0.0;
+            for (int k = c; k < u; k++) {
+                s += inverse[c][k] * inverse[d][k];
+            }
+            result->Qxx[c][d] = result->Qxx[d][c] = s;
+        }
     }
     return isfinite(largest) ? largest : -1.0;
 }
 
-/* Residuals, cofactors and tests at the adjusted unknowns. */
-static void judge(const lsa_observations_t *o, const double G[MAX_OBS][MAX_OBS], const double A[MAX_OBS][MAX_UNK],
-                  const double dl[MAX_OBS], lsa_result_t *r)
+/* Residuals, cofactors and tests at the adjusted unknowns, from M = I - E E', which takes the residuals out of whitened
+ * misclosures: no differences of numbers that are nearly the same. */
+static void judge(const lsa_observations_t *o, const double L[MAX_OBS][MAX_OBS], const double G[MAX_OBS][MAX_OBS],
+                  const double E[MAX_OBS][MAX_UNK], const double b[MAX_OBS], const double dl[MAX_OBS], lsa_result_t *r)
 {
     const int n = o->n_observations;
-    const int u = o->n_unknowns;
-    double P[MAX_OBS][MAX_OBS];
+    double M[MAX_OBS][MAX_OBS];
+    double LM[MAX_OBS][MAX_OBS];
+    double rest[MAX_OBS]; /* whitened residuals, negative */
+    r->vPv = 0.0;
     for (int i = 0; i < n; i++) {
-        r->v[i] = -dl[i];
-        r->l_adjusted[i] = o->l[i] + r->v[i];
-        double AQ[MAX_UNK];
-        for (int c = 0; c < u; c++) {
-            AQ[c] = 0.0;
-            for (int d = 0; d < u; d++) {
-                AQ[c] += A[i][d] * r->Qxx[d][c];
+        rest[i] = 0.0;
+        for (int j = 0; j < n; j++) {
+            M[i][j] = i == j;
+            for (int c = 0; c < o->n_unknowns; c++) {
+                M[i][j] -= E[i][c] * E[j][c];
             }
+            rest[i] += M[i][j] * b[j];
         }
-        for (int j = 0; j <= i; j++) {
-            double s = 0.0;
-            for (int c = 0; c < u; c++) {
-                s += AQ[c] * A[j][c];
+        r->vPv += rest[i] * rest[i];
+    }
+    for (int i = 0; i < n; i++) {
+        for (int j = 0; j < n; j++) {
+            LM[i][j] = 0.0;
+            for (int k = 0; k <= i; k++) {
+                LM[i][j] += L[i][k] * M[k][j];
             }
-            r->Q_adjusted[i][j] = r->Q_adjusted[j][i] = s;
-            r->Qvv[i][j] = r->Qvv[j][i] = o->Q[i][j] - s;
-            double p = 0.0;
-            for (int k = i; k < n; k++) {
-                p += G[k][i] * G[k][j];
-            }
-            P[i][j] = P[j][i] = p;
         }
     }
-    r->vPv = 0.0;
     for (int i = 0; i < n; i++) {
         double Pv = 0.0;
         double PQP = 0.0;
+        double P = 0.0;
+        r->v[i] = -dl[i];
+        r->l_adjusted[i] = o->l[i] + r->v[i];
         r->redundancy[i] = 0.0;
         for (int j = 0; j < n; j++) {
-            if (P[i][j] == 0.0) {
-                continue;
+            double s = 0.0;
+            for (int k = 0; k <= j; k++) {
+                s += LM[i][k] * L[j][k];
             }
-            Pv += P[i][j] * r->v[j];
-            r->redundancy[i] += r->Qvv[i][j] * P[j][i];
-            for (int k = 0; k < n; k++) {
-                PQP += P[i][j] * r->Qvv[j][k] * P[k][i];
+            r->Qvv[i][j] = s;
+            r->Q_adjusted[i][j] = o->Q[i][j] - s;
+            if (j >= i && G[j][i] != 0.0) {
+                r->redundancy[i] += LM[i][j] * G[j][i];
+                Pv -= G[j][i] * rest[j];
+                P += G[j][i] * G[j][i];
+                for (int k = i; k < n; k++) {
+                    PQP += G[j][i] * M[j][k] * G[k][i];
+                }
             }
         }
-        r->vPv += r->v[i] * Pv;
-        /* The test divides by sqrt(P Qvv P): as a share of P it is rounding alone where nothing controls the row. */
-        r->w[i] = r->redundancy[i] > no_redundancy && PQP > no_redundancy * P[i][i] ? -Pv / sqrt(PQP) : (double)NAN;
+        r->w[i] = r->redundancy[i] > no_redundancy && PQP > no_redundancy * P ? -Pv / sqrt(PQP) : (double)NAN;
     }
-    r->degrees = n - u;
+    r->degrees = n - o->n_unknowns;
 }
 
 lsa_status_t lsa_adjust(const lsa_observations_t *o, lsa_model_t model, const void *context, lsa_result_t *result)
 {
+    double L[MAX_OBS][MAX_OBS] = {{0}};
     double G[MAX_OBS][MAX_OBS] = {{0}};
+    double E[MAX_OBS][MAX_UNK];
+    double b[MAX_OBS];
     double A[MAX_OBS][MAX_UNK];
     double h[MAX_OBS];
     double dl[MAX_OBS];
@@ -212,18 +226,19 @@ lsa_status_t lsa_adjust(const lsa_observations_t *o, lsa_model_t model, const vo
     if (sum != 0.0) {
         return LSA_REFUSED;
     }
-    if (o->n_observations < o->n_unknowns || !whitening(o, G)) {
+    if (o->n_observations < o->n_unknowns || !whitening(o, L, G)) {
         return LSA_SINGULAR;
     }
     for (result->iterations = 1; result->iterations <= LSA_MAX_ITERATIONS; result->iterations++) {
         model(result->x, h, A, context);
         misclosures(o, h, dl);
-        const double largest = correct(o, (const double(*)[MAX_OBS])G, (const double(*)[MAX_UNK])A, dl, result);
+        const double largest = correct(o, (const double(*)[MAX_OBS])G, (const double(*)[MAX_UNK])A, dl, E, b, result);
         if (largest < 0.0) {
             return LSA_SINGULAR;
         }
         if (largest < converged_below) {
-            judge(o, (const double(*)[MAX_OBS])G, (const double(*)[MAX_UNK])A, dl, result);
+            judge(o, (const double(*)[MAX_OBS])L, (const double(*)[MAX_OBS])G, (const double(*)[MAX_UNK])E, b, dl,
+                  result);
             return LSA_CONVERGED;
         }
     }

@@ -39,7 +39,7 @@ typedef struct {
     double Q_adjusted[LSA_MAX_OBSERVATIONS][LSA_MAX_OBSERVATIONS]; /* cofactors of the adjusted observations */
     double Qvv[LSA_MAX_OBSERVATIONS][LSA_MAX_OBSERVATIONS];        /* cofactors of the residuals, Q - Q_adjusted */
     double redundancy[LSA_MAX_OBSERVATIONS];                       /* share of an observation's error that v shows */
-    double w[LSA_MAX_OBSERVATIONS]; /* Baarda's test value, standard normal; NaN where the redundancy is 0 */
+    double w[LSA_MAX_OBSERVATIONS]; /* Baarda's test value, standard normal; NaN where the redundancy is next to 0 */
     double vPv;                     /* sum of squares, chi-square of `degrees` */
     int degrees;                    /* observations less unknowns */
     int iterations;

@@ -6,7 +6,7 @@
 #include "vehicle_parts.h"
 
 /* Predicted distances below this, in metres, have no direction: rotations are then not looked at. */
-static const double no_direction_m = 1e-6;
+static const double no_direction_m = 1e-3;
 
 /* Steps 1 and 2, (9) and (10): constant velocity, the acceleration along the predicted azimuth. */
 static ekf_status_t predict(vehicle_t *v, double azimuth, double acceleration, double dt)

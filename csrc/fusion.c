@@ -21,6 +21,7 @@ const fusion_settings_t fusion_default_settings = {
     .mount = {{1.0, 0.0, 0.0}, {0.0, 1.0, 0.0}, {0.0, 0.0, 1.0}},
     .max_sigma = 30.0 * ANGLE_DEGREE,
     .noise = HEADING_NOISE_PAPER,
+    .adaptive = ADAPTIVE_SETTINGS,
 };
 
 ekf_status_t fusion_init(fusion_t *fusion, const fusion_settings_t *settings)
@@ -60,6 +61,7 @@ ekf_status_t fusion_init(fusion_t *fusion, const fusion_settings_t *settings)
     source_clock_reset(&fusion->compass_clock);
     source_clock_reset(&fusion->imu_clock);
     attitude_reset(&fusion->attitude);
+    adaptive_reset(&fusion->adaptive, &settings->adaptive);
     return EKF_ACCEPTED;
 }
 
@@ -185,6 +187,9 @@ static fusion_verdict_t feed_gps(fusion_t *fusion, int i, const sample_t *sample
         fusion->fix_us = fusion->now_us;
         place(fusion, gps, &z[HEADING_NORTH], &z[HEADING_EAST]);
         ask_for_variation(fusion, &sample->gps);
+        if (fusion->settings.method == FUSION_ADAPTIVE) {
+            adaptive_move(&fusion->adaptive, fusion->now_us, i, &sample->gps, gps->weight);
+        }
     }
     if (used) {
         const double azimuth = receiver_azimuth(gps, fusion->now_us);
@@ -231,6 +236,9 @@ static fusion_verdict_t feed_compass(fusion_t *fusion, const sample_t *sample)
     }
     source_clock_tick(&fusion->compass_clock, fusion->now_us);
     fusion->compass = heading;
+    if (fusion->settings.method == FUSION_ADAPTIVE) {
+        adaptive_bear(&fusion->adaptive, fusion->now_us, heading);
+    }
     carry_silent_filters(fusion, -1);
     return FUSION_TAKEN;
 }
@@ -261,6 +269,7 @@ static fusion_verdict_t feed_imu(fusion_t *fusion, const sample_t *sample)
         fusion->rate_count++;
         const double change = (rate - fusion->rate) / fusion->rate_count;
         fusion->rate += change;
+        adaptive_turn(&fusion->adaptive, fusion->now_us, fusion->rate_span * change, fusion->rate);
         for (int i = 0; i < fusion->settings.n_gps; i++) {
             heading_filter_turn(&fusion->filter[i], fusion->rate_span * change);
         }
@@ -269,6 +278,7 @@ static fusion_verdict_t feed_imu(fusion_t *fusion, const sample_t *sample)
     fusion->rate = rate;
     fusion->rate_count = 1;
     fusion->rate_span = fmin(since, longest_rate_span_s);
+    adaptive_turn(&fusion->adaptive, fusion->now_us, rate * fusion->rate_span, rate);
     for (int i = 0; i < fusion->settings.n_gps; i++) {
         advance(fusion, i, receiver_speed(&fusion->gps[i], fusion->now_us));
     }
@@ -304,6 +314,9 @@ static fusion_verdict_t judge(fusion_t *fusion, const sample_t *sample)
     }
     if (sample->t_us > fusion->now_us) {
         fusion->now_us = sample->t_us;
+    }
+    if (fusion->settings.method == FUSION_ADAPTIVE) {
+        adaptive_advance(&fusion->adaptive, fusion->now_us);
     }
     if (source == SAMPLE_COMPASS) {
         return feed_compass(fusion, sample);

@@ -4,6 +4,7 @@
 #ifndef FUSION_H
 #define FUSION_H
 
+#include "adaptive.h"
 #include "attitude.h"
 #include "heading_filter.h"
 #include "local_frame.h"
@@ -16,7 +17,8 @@
 typedef enum {
     FUSION_CNW_EKF = 0, /* the 2018 paper: stages 1 and 2, one filter */
     FUSION_CNW3 = 1,    /* the 2019 paper: three stages, a filter for each GPS */
-    FUSION_EKF_CI = 2   /* its predecessor: covariance intersection of the filters */
+    FUSION_EKF_CI = 2,  /* its predecessor: covariance intersection of the filters */
+    FUSION_ADAPTIVE = 3 /* ours (adaptive.h), beside the filters of the card, which give the position */
 } fusion_method_t;
 
 typedef enum {
@@ -44,6 +46,7 @@ typedef struct {
     int specific_force;  /* the accelerometer shows (0, 0, -1) at rest instead of (0, 0, +1) */
     double max_sigma;    /* rad: a less certain heading is invalid */
     heading_noise_t noise;
+    adaptive_settings_t adaptive;
 } fusion_settings_t;
 
 /* Method cnw3, three receivers, compass and IMU, no deviation, unknown variation, the papers' noise, 30 degrees. */
@@ -93,6 +96,8 @@ typedef struct {
     double rate;      /* yaw rate, rad/s: the last one, or the mean of those sharing the last stamp */
     double rate_span; /* s: the interval that those rates share */
     int rate_count;   /* how many share the last stamp */
+
+    adaptive_t adaptive; /* idle with another method */
 
     local_frame_t frame;
     int has_frame;

@@ -188,7 +188,11 @@ void fusion_estimate(const fusion_t *fusion, int64_t t_us, estimate_t *estimate)
 
     crew_t crew;
     gather(fusion, t_us, &crew, estimate);
-    const answer_t answer = answer_of(fusion, &crew);
+    answer_t answer = answer_of(fusion, &crew);
+    if (fusion->settings.method == FUSION_ADAPTIVE &&
+        !adaptive_heading(&fusion->adaptive, t_us, &answer.heading, &answer.sigma)) {
+        answer.heading = NAN;
+    }
     estimate->mode = (int32_t)heading_mode(fusion, t_us, &answer);
     estimate->pos_mode = (int32_t)position_mode(fusion, t_us, &answer);
     if (estimate->mode != FUSION_INVALID) {

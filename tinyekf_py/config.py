@@ -50,7 +50,7 @@ __all__ = [
 
 #: The methods of the papers: their standard deviation is that of their own covariance, and uncalibrated.
 PAPER_METHODS = ("cnw-ekf", "cnw3", "ekf-ci")
-METHODS = PAPER_METHODS
+METHODS = (*PAPER_METHODS, "adaptive")
 TASKS = task_names(tuple(SOURCES), MAX_GPS)
 Section = TypeVar("Section", bound="DataclassInstance")
 
@@ -160,7 +160,7 @@ class FusionConfig:
 
     method: str = key(
         "cnw3",
-        "cnw-ekf (one filter), cnw3 (one per receiver, weighed) or ekf-ci (covariance intersection).",
+        "cnw-ekf (one filter), cnw3 (one per receiver, weighed), ekf-ci (covariance intersection) or adaptive (ours).",
         choice(*METHODS),
         shapes_result=True,
     )

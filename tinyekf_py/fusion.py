@@ -20,7 +20,12 @@ from tinyekf_py.config import CompassConfig, Config, ImuConfig
 from tinyekf_py.estimate import Estimate, estimates_to_array
 from tinyekf_py.variation import VariationError, variation_deg
 
-METHODS = {"cnw-ekf": lib.FUSION_CNW_EKF, "cnw3": lib.FUSION_CNW3, "ekf-ci": lib.FUSION_EKF_CI}
+METHODS = {
+    "cnw-ekf": lib.FUSION_CNW_EKF,
+    "cnw3": lib.FUSION_CNW3,
+    "ekf-ci": lib.FUSION_EKF_CI,
+    "adaptive": lib.FUSION_ADAPTIVE,
+}
 
 #: Every task that can be started and stopped: the polls are named as their sources, then the stages and filters.
 STAGES = {

@@ -44,9 +44,10 @@ _MODES = {
 }
 _NEVER = -(2**63)  # SOURCE_NEVER
 _ROWS = 1024  # taken from C at a time
+#: Verdict -> from how many samples on it is worth telling (the first fix brings the variation), and what is told.
 _REFUSALS = {
-    lib.FUSION_NO_VARIATION: "compass not used: the magnetic variation is unknown; set vessel.variation_deg",
-    lib.FUSION_BACKWARDS: "samples dropped: their time runs backwards",
+    lib.FUSION_NO_VARIATION: (20, "compass not used: the magnetic variation is unknown; set vessel.variation_deg"),
+    lib.FUSION_BACKWARDS: (1, "samples dropped: their time runs backwards"),
 }
 
 
@@ -175,8 +176,8 @@ class HeadingFusion:
 
     def take_notices(self) -> list[str]:
         """What a user should know and has not been told yet, a line each."""
-        for verdict, text in _REFUSALS.items():
-            if self._fusion.verdicts[verdict] and text not in self._told:
+        for verdict, (least, text) in _REFUSALS.items():
+            if self._fusion.verdicts[verdict] >= least:
                 self._notice(text)
         notices, self._notices = self._notices, []
         return notices

@@ -95,6 +95,12 @@ class Decoded:
         true = np.where(samples["code"] == REFERENCE_TRUE, shown, magnetic + variation) % 360.0
         return samples["t_us"] / 1e6, shown, true
 
+    @property
+    def compass_reference(self) -> NDArray[np.int32]:
+        """Of each compass sample: what its heading refers to (`sample.REFERENCE_COMPASS`, `REFERENCE_TRUE`)."""
+        reference: NDArray[np.int32] = self.samples["code"][self.samples["source"] == COMPASS]
+        return reference
+
     @cached_property
     def variation_deg(self) -> float:
         """Magnetic variation, east positive: the configured, else the World Magnetic Model's, else the receivers'."""

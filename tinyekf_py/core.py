@@ -174,7 +174,23 @@ def _matrix_of(ekf: Any) -> Floats:
     return np.array([list(row) for row in ekf.P])
 
 
-class Ekf:
+class _Filter:
+    """What both filters have: the C struct, and copies of what is in it."""
+
+    _ekf: Any
+
+    @property
+    def x(self) -> Floats:
+        """The state estimate, shape (3,)."""
+        return _vector_of(self._ekf)
+
+    @property
+    def P(self) -> Floats:
+        """Its covariance, shape (3, 3)."""
+        return _matrix_of(self._ekf)
+
+
+class Ekf(_Filter):
     """Extended Kalman filter of 3 states and 3 measurements; you bring the model.
 
     `x` (shape (3,)) and `P` (shape (3, 3)) are copies of the estimate and its covariance, in your units.
@@ -185,14 +201,6 @@ class Ekf:
         self._ekf = _filter(x0, P0, 0, "x0, P0")
         self._measurement = ffi.new("ekf_measurement_t *")
         self._nis = ffi.new("ekf_real *")
-
-    @property
-    def x(self) -> Floats:
-        return _vector_of(self._ekf)
-
-    @property
-    def P(self) -> Floats:
-        return _matrix_of(self._ekf)
 
     def predict(self, fx: ArrayLike, F: ArrayLike, Q: ArrayLike) -> Status:
         """x = fx, P = F P F' + Q: the 2018 paper's (4). Shapes (3,), (3, 3), (3, 3)."""
@@ -240,7 +248,7 @@ class Ekf:
         )
 
 
-class HeadingEkf:
+class HeadingEkf(_Filter):
     """The papers' filter: state [north_m, east_m, heading_rad], the 2018 paper's (8) to (10). Radians throughout.
 
     `x` (shape (3,)) and `P` (shape (3, 3), m^2, m rad, rad^2) are copies.
@@ -253,14 +261,6 @@ class HeadingEkf:
         self._r = ffi.new("double[3]", _diagonal("R", R))
         self._z = ffi.new("double[3]")
         self._nis = ffi.new("ekf_real *")
-
-    @property
-    def x(self) -> Floats:
-        return _vector_of(self._ekf)
-
-    @property
-    def P(self) -> Floats:
-        return _matrix_of(self._ekf)
 
     def predict(self, u: float, v: float, r: float, dt: float) -> Status:
         """Move on by `dt` s with surge `u`, sway `v` (m/s) and yaw rate `r` (rad/s), by one Euler step."""

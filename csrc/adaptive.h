@@ -33,13 +33,13 @@ typedef struct {
             .bias_walk = 0.005 * ANGLE_DEGREE,                                                                         \
             .gain = 0.006,                                                                                             \
             .gyro = 0.03 * ANGLE_DEGREE,                                                                               \
-            .unseen_turn = 3.0 * ANGLE_DEGREE,                                                                         \
+            .unseen_turn = 1.5 * ANGLE_DEGREE,                                                                         \
             .unseen_rate = 2.0 * ANGLE_DEGREE,                                                                         \
             .lag_mean = 0.25,                                                                                          \
             .lag = 0.15,                                                                                               \
             .speed_walk = 0.03,                                                                                        \
             .slip_mean = -1.0,                                                                                         \
-            .slip = 0.8,                                                                                               \
+            .slip = 0.5,                                                                                               \
             .current = {0.03, 0.5},                                                                                    \
             .current_walk = {0.0005, 0.002},                                                                           \
             .compass = 0.5 * ANGLE_DEGREE,                                                                             \

@@ -136,7 +136,8 @@ adaptive_verdict_t adaptive_model_take_bearing(adaptive_ekf_t *ekf, const adapti
     }
     h[ADAPTIVE_OFFSET] = 1;
     h[ADAPTIVE_BIAS] = (ekf_real)(bearing->age + lag);
-    h[ADAPTIVE_LAG] = (ekf_real)(-rate * bearing->turning);
+    h[ADAPTIVE_LAG] =
+        gyro_live ? (ekf_real)(-rate * bearing->turning) : 0; /* a rate that is only guessed shows no lag */
     const double expected =
         (double)x[ADAPTIVE_OFFSET] + bearing->age * (double)x[ADAPTIVE_BIAS] - lag * rate - deviation;
     const double quick = square(noise->compass) + square(noise->compass_quick);

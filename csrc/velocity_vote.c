@@ -2,8 +2,10 @@
 
 #include <math.h>
 
-static const double contradiction = 3.5; /* sigma between two receivers */
-static const double waves = 0.12;        /* m/s: antennas apart move apart */
+static const double contradiction = 3.5;    /* sigma between two receivers */
+static const double waves = 0.12;           /* m/s: antennas apart move apart */
+static const double suspicion_mps = 1000.0; /* so far from all others is one that is suspected */
+static const double tie_break = 1e-3;
 static const int64_t suspicion_us = 4000000;
 
 typedef struct {
@@ -13,15 +15,17 @@ typedef struct {
     adaptive_receiver_t *receiver;
 } vote_t;
 
-/* The vote with the least weighed distance to all others: as a median, but of vectors. */
+/* The vote with the least distance to all others: as a median, but of vectors. No vote counts more than another here,
+ * lest one that lies with a good HDOP outvote two; of two alone, the one that claims to be better. */
 static const vote_t *most_central(const vote_t *votes, int n, int64_t t_us)
 {
     const vote_t *best = &votes[0];
     double least = INFINITY;
     for (int i = 0; i < n; i++) {
-        double distance = votes[i].receiver->suspect_until_us > t_us ? 1e6 : 0.0;
+        double distance = votes[i].receiver->suspect_until_us > t_us ? suspicion_mps : 0.0;
+        distance += votes[i].variance * tie_break;
         for (int j = 0; j < n; j++) {
-            distance += hypot(votes[i].north - votes[j].north, votes[i].east - votes[j].east) / votes[j].variance;
+            distance += hypot(votes[i].north - votes[j].north, votes[i].east - votes[j].east);
         }
         if (distance < least) {
             least = distance;

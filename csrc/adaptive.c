@@ -18,7 +18,9 @@ static const double turn_from = 1.2 * ANGLE_DEGREE; /* rad/s: waves yaw no faste
 static const double turn_full = 2.4 * ANGLE_DEGREE; /* this is a turn */
 static const double starting_speed = 1.0;           /* m/s: slower, a course is no first heading */
 static const double unknown_hdop = 2.0;
-static const double rest_below = 0.22; /* m/s over ground: at rest; */
+static const double under_way = 1.0; /* m/s over ground: not at rest */
+static const double rest_memory_s = 2.0;
+static const double rest_below = 0.22; /* m/s over ground, meanwhile: at rest; */
 static const double rest_above = 0.35; /* no more */
 static const int64_t bearing_hold_us = 3000000;
 static const int64_t bearing_relearned_us = 120000000; /* a compass refused so long has a new deviation */
@@ -253,7 +255,7 @@ static void measure(adaptive_t *adaptive, int64_t t_us, const adaptive_bearing_t
     }
     if (adaptive->at_rest && live) {
         for (int k = 0; k < ADAPTIVE_HYPOTHESES; k++) {
-            adaptive_model_take_rest(&adaptive->filter[k], adaptive->smooth_rate);
+            adaptive_model_take_rest(&adaptive->filter[k], adaptive->gyro_rate);
         }
     }
     adaptive->log_odds += log_likelihood[ADAPTIVE_CURRENTED] - log_likelihood[ADAPTIVE_CALM];
@@ -269,18 +271,23 @@ static void measure(adaptive_t *adaptive, int64_t t_us, const adaptive_bearing_t
     }
 }
 
-static void rest(adaptive_t *adaptive, const adaptive_velocity_t *velocity)
+/* Whether she lies still: by her velocity over some seconds, for a poor receiver's noise alone looks like way. */
+static void rest(adaptive_t *adaptive, const adaptive_velocity_t *velocity, double dt)
 {
-    if (velocity) {
-        const double speed = hypot(velocity->north, velocity->east);
-        adaptive->at_rest = speed < (adaptive->at_rest ? rest_above : rest_below);
-    } else {
+    if (!velocity) {
         adaptive->at_rest = 0;
+        return;
     }
+    const double share = dt / (rest_memory_s + dt);
+    adaptive->mean_north += share * (velocity->north - adaptive->mean_north);
+    adaptive->mean_east += share * (velocity->east - adaptive->mean_east);
+    const double now = hypot(velocity->north, velocity->east);
+    const double mean = hypot(adaptive->mean_north, adaptive->mean_east);
+    adaptive->at_rest = now < under_way && mean < (adaptive->at_rest ? rest_above : rest_below);
 }
 
 /* Heading (rad) and its standard deviation of both filters together, dt seconds after the state's time: the gyro's yaw
- * is `yaw`, of which it turned by `turned` since. */
+ * is `yaw`, of which it turned by `turned` since, if it was a turn and no wave. */
 static void mix(const adaptive_t *adaptive, double yaw, double turned, double dt, double *heading, double *sigma)
 {
     const double chance = 1.0 / (1.0 + exp(-adaptive->log_odds));
@@ -309,6 +316,7 @@ static void sense_turn(adaptive_t *adaptive, int64_t t_us, double turned, double
     mix(adaptive, yaw_history_at(&adaptive->yaw, t_us, NULL), 0.0, 0.0, &adaptive->heading, &sigma);
     const double bias = (double)adaptive->filter[adaptive->log_odds > 0.0].x[ADAPTIVE_BIAS];
     const double rate = (adaptive->gyro_live ? turned / dt : 0.0) - bias;
+    adaptive->gyro_rate = turned / dt;
     const double blur = adaptive->gyro_live ? 1.0 : 2.0; /* without a gyro the rate is mostly noise */
     adaptive->smooth_rate += (rate - adaptive->smooth_rate) * dt / (blur * slip_lag_s + dt);
     adaptive->turning = (fabs(adaptive->smooth_rate) / blur - turn_from) / (turn_full - turn_from);
@@ -337,13 +345,14 @@ static void tick(adaptive_t *adaptive, int64_t t_us)
     const int has_velocity = velocity_vote(adaptive->receiver, SAMPLE_MAX_GPS, t_us, dt, &velocity);
     const double turned = yaw - adaptive->tick_yaw;
 
-    rest(adaptive, has_velocity ? &velocity : NULL);
+    rest(adaptive, has_velocity ? &velocity : NULL, dt);
     const adaptive_bearing_t *seen = has_bearing ? &bearing : NULL;
     const adaptive_velocity_t *moved = has_velocity && !adaptive->at_rest ? &velocity : NULL;
     if (adaptive->running || start(adaptive, t_us, seen, moved)) {
         hear_gyro(adaptive, t_us);
         for (int k = 0; k < ADAPTIVE_HYPOTHESES; k++) {
-            adaptive_model_predict(&adaptive->filter[k], &adaptive->settings.noise, k, dt, turned, adaptive->gyro_live);
+            adaptive_model_predict(&adaptive->filter[k], &adaptive->settings.noise, k, dt, turned * adaptive->turning,
+                                   adaptive->gyro_live);
         }
         sense_turn(adaptive, t_us, turned, dt);
         bearing.turning = adaptive->turning;
@@ -381,6 +390,7 @@ int adaptive_heading(const adaptive_t *adaptive, int64_t t_us, double *heading, 
         return 0;
     }
     const double yaw = yaw_history_at(&adaptive->yaw, t_us, NULL);
-    mix(adaptive, yaw, yaw - adaptive->tick_yaw, source_seconds_since(adaptive->tick_us, t_us), heading, sigma);
+    mix(adaptive, yaw, (yaw - adaptive->tick_yaw) * adaptive->turning, source_seconds_since(adaptive->tick_us, t_us),
+        heading, sigma);
     return 1;
 }

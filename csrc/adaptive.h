@@ -91,6 +91,9 @@ typedef struct {
     adaptive_bearing_t bearing;
     adaptive_receiver_t receiver[SAMPLE_MAX_GPS];
 
+    double gyro_rate;  /* rad/s: over the last tick, bias and all */
+    double mean_north; /* m/s over ground, of the last seconds */
+    double mean_east;
     int at_rest;
     int64_t bearing_hold_us;    /* the compass is not taken before this */
     int64_t bearing_refused_us; /* since when it has been refused; SOURCE_NEVER: is not */

@@ -71,7 +71,7 @@ typedef struct {
     double chi_square; /* global test: v'Pv of the adjustment, normalised innovation squared of a filter */
     double degrees;    /* its degrees of freedom */
     double worst_w;    /* largest |w| of the adjustment */
-    double worst_row;  /* its observation; -1: the previous epoch's unknowns, NaN: none could be tested */
+    double worst_row;  /* its observation; NaN: none could be tested */
     double circle;     /* 1 where the circle's adjustment was used */
 } vehicle_estimate_t;
 

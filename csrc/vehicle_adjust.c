@@ -197,12 +197,13 @@ static void approximate(const vehicle_t *v, const vehicle_epoch_t *epoch, double
     x[FREE_AZIMUTH] = v->pose[2] + (circle ? 0.0 : turn);
 }
 
-/* The observation with the largest |w|; -1 where none was tested. */
+/* The sensors' observation with the largest |w|; -1 where none was tested. The previous epoch is not suspected: it fails
+ * whenever a position does, by the same. */
 static int worst(const epoch_observations_t *e, const lsa_result_t *r)
 {
     int found = -1;
     for (int k = 0; k < e->o.n_observations; k++) {
-        if (isfinite(r->w[k]) && (found < 0 || fabs(r->w[k]) > fabs(r->w[found]))) {
+        if (e->bits[k] && isfinite(r->w[k]) && (found < 0 || fabs(r->w[k]) > fabs(r->w[found]))) {
             found = k;
         }
     }
@@ -283,8 +284,8 @@ void vehicle_adjust_epoch(vehicle_t *v, const vehicle_epoch_t *epoch, double dt,
             return;
         }
         const int suspect = worst(&e, &r);
-        const int outlier = suspect >= 0 && e.bits[suspect] && r.vPv > lsa_critical_chi_square(r.degrees) &&
-                            fabs(r.w[suspect]) > LSA_CRITICAL_W;
+        const int outlier =
+            suspect >= 0 && r.vPv > lsa_critical_chi_square(r.degrees) && fabs(r.w[suspect]) > LSA_CRITICAL_W;
         if (outlier && snooped < MAX_SNOOPED) {
             if (e.row[suspect] > VEHICLE_Y || !must_take_gps(v, epoch)) {
                 refused |= e.bits[suspect];
@@ -303,7 +304,6 @@ void vehicle_adjust_epoch(vehicle_t *v, const vehicle_epoch_t *epoch, double dt,
         estimate->degrees = r.degrees;
         if (suspect >= 0) {
             estimate->worst_w = fabs(r.w[suspect]);
-            estimate->worst_row = -1.0;
             for (int row = VEHICLE_ROWS - 1; row >= 0; row--) {
                 if (e.bits[suspect] >> row & 1u) {
                     estimate->worst_row = e.row[suspect] < VEHICLE_ROWS ? e.row[suspect] : row;

@@ -58,12 +58,13 @@ def smooth(t: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
     return course, speed, np.cumsum(mean * dt)
 
 
-def fit_channel(series: Series, t: Floats, target: Floats) -> Fit | None:
+def fit_channel(series: Series, t: Floats, target: Floats, *, with_offset: bool = True) -> Fit | None:
     """Explain `target` at times `t` by the channel's integral; None where there is too little to tell."""
     there = np.isfinite(target)
     if there.sum() < 50:
         return None
     t, target = t[there], target[there]
+    drifting = (t - t[0]) * with_offset  # all 0: least squares of smallest norm leaves the offset 0
 
     def integral(latency: float) -> tuple[Floats, np.ndarray]:
         gained = increments(series, t + latency, 0.5)
@@ -74,7 +75,7 @@ def fit_channel(series: Series, t: Floats, target: Floats) -> Fit | None:
     def solve(latency: float) -> tuple[Floats, Floats, Floats]:
         total, _ = integral(latency)
         slope = (integral(latency + 0.05)[0] - integral(latency - 0.05)[0]) / 0.1
-        design = np.stack([np.ones_like(t), total, t - t[0]], axis=1)
+        design = np.stack([np.ones_like(t), total, drifting], axis=1)
         solution = np.linalg.lstsq(design, target, rcond=None)[0]
         return solution, target - design @ solution, slope
 
@@ -83,7 +84,7 @@ def fit_channel(series: Series, t: Floats, target: Floats) -> Fit | None:
     for _ in range(5):
         total, _ = integral(latency)
         solution, residual, slope = solve(latency)
-        design = np.stack([np.ones_like(t), total, t - t[0], solution[1] * slope], axis=1)
+        design = np.stack([np.ones_like(t), total, drifting, solution[1] * slope], axis=1)
         full = np.linalg.lstsq(design, target, rcond=None)[0]
         step = float(np.clip(full[3], -0.2, 0.2))
         latency += step
@@ -91,7 +92,7 @@ def fit_channel(series: Series, t: Floats, target: Floats) -> Fit | None:
             break
     total, _ = integral(latency)
     solution, residual, slope = solve(latency)
-    design = np.stack([np.ones_like(t), total, t - t[0], solution[1] * slope], axis=1)
+    design = np.stack([np.ones_like(t), total, drifting, solution[1] * slope], axis=1)
     lag = float(np.clip(np.sum(residual[1:] * residual[:-1]) / np.sum(residual**2), 0.0, 0.995))
     inflation = (1 + lag) / (1 - lag)  # of the variance of a mean of residuals so correlated
     variance = float(np.sum(residual**2)) / max(len(t) - 4, 1) * inflation
@@ -116,7 +117,9 @@ def calibrate_drive(path: Path, config: VehicleConfig) -> Mapping[str, Fit]:
             continue
         target = course if "rotation rate" in quantities else speed if "acceleration" in quantities else distance
         target = np.where(np.isfinite(speed), target, np.nan)
-        fit = fit_channel(series, t, target)
+        # A wheel that stands is at 0; only a voltage may be off.
+        with_offset = "speed" not in quantities or config.channels[name].raw == "V"
+        fit = fit_channel(series, t, target, with_offset=with_offset)
         if fit:
             fits[name] = fit
     if not fits:
@@ -140,7 +143,7 @@ def calibration_text(fits: Mapping[str, Fit], config: VehicleConfig) -> str:
         channel = config.channels[name]
         unit = channel.unit or CHANNELS[name][1]
         size = UNITS[unit][1]
-        counter = UNITS[unit][0] == "distance"
+        counter = UNITS[unit][0] == "distance" or not fit.offset_sigma
         lines.append(f"[channels.{name}]")
         lines.append(f"scale = {fit.scale * channel.scale:.8g}  # +- {abs(fit.scale_sigma * channel.scale):.2g}")
         offset = fit.scale * channel.offset + (0.0 if counter else fit.offset / size)

@@ -48,8 +48,8 @@ def write_track(path: Path, estimates: Estimates, drive: Drive, method: str) -> 
     azimuth = np.round(np.degrees(estimates["azimuth_rad"]), 4) % 360.0
     adjusts = method.startswith("lsa")
     models = ("straight", "circle") if adjusts else ("", "")
-    rows = [np.nan_to_num(estimates["worst_row"], nan=-2.0).astype(int).tolist()]
-    names = {-2: "", -1: "previous", **dict(enumerate(OBSERVATIONS))}
+    worst = np.nan_to_num(estimates["worst_row"], nan=-1.0).astype(int).tolist()
+    names = {-1: "", **dict(enumerate(OBSERVATIONS))}
     columns = [
         estimates["t_s"].tolist(),
         (estimates["x_m"] + drive.origin_m[0]).tolist(),
@@ -70,7 +70,7 @@ def write_track(path: Path, estimates: Estimates, drive: Drive, method: str) -> 
         estimates["chi_square"].tolist(),
         estimates["degrees"].astype(int).tolist(),
         estimates["worst_w"].tolist(),
-        [names[row] for row in rows[0]],
+        [names[row] for row in worst],
     ]
     write_table(path, COLUMNS, COLUMNS.values(), zip(*columns, strict=True))
 

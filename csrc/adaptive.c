@@ -11,6 +11,7 @@
 
 static const double tick_s = TICK_US * 1e-6;
 static const double slip_lag_s = 0.8;
+static const double settling_s = 0.5; /* in which a correction shows: a helmsman wants no steps */
 static const double wave_memory_s = 4.0;
 static const double held_within = 4.0 * ANGLE_DEGREE;
 static const double speed_held_within = 0.3;        /* m/s */
@@ -23,9 +24,10 @@ static const double rest_memory_s = 2.0;
 static const double rest_below = 0.22; /* m/s over ground, meanwhile: at rest; */
 static const double rest_above = 0.35; /* no more */
 static const int64_t bearing_hold_us = 3000000;
-static const int64_t bearing_relearned_us = 120000000; /* a compass refused so long has a new deviation */
-static const int64_t contradiction_us = 6000000;       /* all refused so long: the filter is wrong, not they */
-static const double most_odds = 7.0;                   /* of the logarithm */
+static const int64_t bearing_relearned_us = 120000000;      /* a compass refused so long has a new deviation */
+static const int64_t bearing_relearned_blind_us = 10000000; /* without a gyro to hold against it */
+static const int64_t contradiction_us = 6000000;            /* all refused so long: the filter is wrong, not they */
+static const double most_odds = 7.0;                        /* of the logarithm */
 
 void adaptive_reset(adaptive_t *adaptive, const adaptive_settings_t *settings)
 {
@@ -209,9 +211,11 @@ static void doubt_bearing(adaptive_t *adaptive, int64_t t_us, int accepted, cons
     if (adaptive->bearing_refused_us == SOURCE_NEVER) {
         adaptive->bearing_refused_us = t_us;
     }
-    if (t_us - adaptive->bearing_refused_us < bearing_relearned_us) {
-        adaptive->bearing_hold_us =
-            t_us + (t_us - adaptive->bearing_refused_us > bearing_hold_us ? bearing_hold_us : 0);
+    const int64_t lasted_us = t_us - adaptive->bearing_refused_us;
+    if (lasted_us < (adaptive->gyro_live ? bearing_relearned_us : bearing_relearned_blind_us)) {
+        if (adaptive->gyro_live && lasted_us > bearing_hold_us) {
+            adaptive->bearing_hold_us = t_us + bearing_hold_us;
+        }
         return;
     }
     for (int k = 0; k < ADAPTIVE_HYPOTHESES; k++) {
@@ -348,6 +352,9 @@ static void tick(adaptive_t *adaptive, int64_t t_us)
     rest(adaptive, has_velocity ? &velocity : NULL, dt);
     const adaptive_bearing_t *seen = has_bearing ? &bearing : NULL;
     const adaptive_velocity_t *moved = has_velocity && !adaptive->at_rest ? &velocity : NULL;
+    double foretold;
+    double sigma;
+    const int was_running = adaptive_heading(adaptive, t_us, &foretold, &sigma);
     if (adaptive->running || start(adaptive, t_us, seen, moved)) {
         hear_gyro(adaptive, t_us);
         for (int k = 0; k < ADAPTIVE_HYPOTHESES; k++) {
@@ -362,6 +369,12 @@ static void tick(adaptive_t *adaptive, int64_t t_us)
     }
     adaptive->tick_us = t_us;
     adaptive->tick_yaw = yaw;
+    if (was_running && adaptive->running) { /* what was measured shows little by little */
+        double found;
+        adaptive->unsettled = 0.0;
+        adaptive_heading(adaptive, t_us, &found, &sigma);
+        adaptive->unsettled = angle_wrap(foretold - found);
+    }
     adaptive->bearing = (adaptive_bearing_t){0};
     for (int i = 0; i < SAMPLE_MAX_GPS; i++) {
         adaptive_receiver_t *sum = &adaptive->receiver[i];
@@ -390,7 +403,10 @@ int adaptive_heading(const adaptive_t *adaptive, int64_t t_us, double *heading, 
         return 0;
     }
     const double yaw = yaw_history_at(&adaptive->yaw, t_us, NULL);
-    mix(adaptive, yaw, (yaw - adaptive->tick_yaw) * adaptive->turning, source_seconds_since(adaptive->tick_us, t_us),
-        heading, sigma);
+    const double dt = source_seconds_since(adaptive->tick_us, t_us);
+    const double unsettled = adaptive->unsettled * exp(-dt / settling_s);
+    mix(adaptive, yaw, (yaw - adaptive->tick_yaw) * adaptive->turning, dt, heading, sigma);
+    *heading = angle_wrap(*heading + unsettled);
+    *sigma = hypot(*sigma, unsettled);
     return 1;
 }

@@ -1,0 +1,157 @@
+"""The adaptive method on simulated voyages, with comfortable margins; `docs/adaptive.md` has the figures."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquisition.decoder import make_decoder
+from acquisition.sample import COMPASS, IMU, SOURCES
+from acquisition.simulator.grades import GRADES
+from acquisition.simulator.scenarios import scenario_named, settled
+from acquisition.simulator.vessel import STEP_S
+from acquisition.simulator.voyage import Voyage
+from tinyekf_py.config import Config
+from tinyekf_py.fusion import HeadingFusion, sample_dtype
+
+
+class Sailed(NamedTuple):
+    """Samples of a voyage, and its truth ten times a second."""
+
+    samples: NDArray[np.void]
+    heading_deg: NDArray[np.float64]  #: true, unwrapped, every 0.1 s
+
+
+class Errors(NamedTuple):
+    """What the fusion made of it, after the first 20 s."""
+
+    t_s: NDArray[np.float64]
+    error_deg: NDArray[np.float64]
+    sigma_deg: NDArray[np.float64]
+    mode: NDArray[np.str_]
+
+    @property
+    def rmse_deg(self) -> float:
+        return float(np.sqrt(np.mean(self.error_deg**2)))
+
+
+@cache
+def sailed(name: str, duration_s: float, *, circle_first: bool = True, seed: int = 1) -> Sailed:
+    scenario = scenario_named(name)
+    voyage = Voyage(settled(scenario) if circle_first else scenario, GRADES["typical"], seed=seed)
+    config = Config()
+    decoders = {
+        source: make_decoder(source, config.sensors[source].driver, config.decoder_options(source))
+        for source in config.sources
+    }
+    records, headings = [], [voyage.motion.heading_deg]
+    for step in range(1, round(duration_s / STEP_S) + 1):
+        for t_us, source, line in voyage.advance():
+            records += [sample.pack() for sample in decoders[source].decode(t_us, line)]
+        if step % 10 == 0:
+            headings.append(voyage.motion.heading_deg)
+    samples = np.frombuffer(b"".join(records), sample_dtype)
+    return Sailed(samples, np.unwrap(headings, period=360.0))
+
+
+def errors(voyage: Sailed, *, without: tuple[str, ...] = (), method: str = "adaptive") -> Errors:
+    fusion = HeadingFusion(method, variation_deg=-8.0)
+    gone = [SOURCES[name] for name in without]
+    rows = fusion.run(voyage.samples[~np.isin(voyage.samples["source"], gone)])
+    rows = rows[(rows["t_s"] > 20.0) & (rows["t_s"] <= 0.1 * (len(voyage.heading_deg) - 1))]
+    truth = np.interp(rows["t_s"], 0.1 * np.arange(len(voyage.heading_deg)), voyage.heading_deg)
+    error = (rows["heading_deg"] - truth + 180.0) % 360.0 - 180.0
+    return Errors(rows["t_s"], error, rows["heading_sigma_deg"], rows["mode"])
+
+
+def steps_deg(found: Errors) -> float:
+    """The largest change of the error from one row to the next: a step that the boat did not make."""
+    return float(np.max(np.abs(np.diff(found.error_deg))))
+
+
+def test_heading_stays_true_and_continuous_across_north() -> None:
+    found = errors(sailed("north", 240.0))
+    assert found.rmse_deg < 1.0
+    assert steps_deg(found) < 1.5
+
+
+def test_a_boat_on_a_straight_course_is_known_better_than_by_any_sensor() -> None:
+    found = errors(sailed("straight", 240.0))
+    assert found.rmse_deg < 0.9
+    assert np.mean(np.abs(found.error_deg) < 2.0 * found.sigma_deg) > 0.9
+
+
+def test_sigma_contains_the_deviation_that_nothing_at_a_dock_can_see() -> None:
+    found = errors(sailed("dock", 120.0, circle_first=False, seed=5))  # its deviation there is 4 degrees
+    assert np.all(np.abs(found.error_deg) < 3.0 * found.sigma_deg)
+    assert np.all(found.sigma_deg > 2.0)
+    assert np.std(found.error_deg) < 1.0
+
+
+def test_a_disturbed_compass_is_not_believed_and_is_taken_back_afterwards() -> None:
+    voyage = sailed("magnetic", 440.0)  # with the circle before it, disturbed from about 306 to 416 s
+    found = errors(voyage)
+    disturbed = found.t_s > 300.0
+    assert np.max(np.abs(found.error_deg[disturbed])) < 3.0
+    alone = errors(voyage, without=("gps1", "gps2", "gps3"))
+    assert np.max(np.abs(alone.error_deg[alone.t_s > 425.0])) < 8.0
+
+
+def test_a_gps_that_lies_with_a_good_hdop_does_not_outvote_two() -> None:
+    found = errors(sailed("faulty-gps", 240.0, circle_first=False, seed=2))
+    assert found.rmse_deg < 1.5
+
+
+def test_a_current_is_told_from_deviation_once_the_boat_has_turned() -> None:
+    found = errors(sailed("current", 300.0))
+    assert found.rmse_deg < 2.0
+    after = found.t_s > 220.0  # a circle, a leg and a turn
+    assert np.sqrt(np.mean(found.error_deg[after] ** 2)) < 2.0
+
+
+def test_heading_goes_on_without_a_gyro() -> None:
+    found = errors(sailed("lost-imu", 300.0, circle_first=False))
+    assert found.rmse_deg < 2.5
+    assert steps_deg(found) < 5.0
+    assert set(found.mode[found.t_s > 122.0]) == {"degraded"}
+
+
+def test_heading_goes_on_without_a_compass() -> None:
+    found = errors(sailed("lost-compass", 240.0))
+    assert found.rmse_deg < 1.2
+
+
+def test_a_boat_without_compass_starts_by_her_course() -> None:
+    found = errors(sailed("straight", 240.0), without=("compass",))
+    assert np.isfinite(found.error_deg).all()
+    assert found.rmse_deg < 1.5
+
+
+def test_compass_and_gyro_alone_make_a_heading_within_its_sigma() -> None:
+    found = errors(sailed("straight", 240.0), without=("gps1", "gps2", "gps3"))
+    assert np.isfinite(found.error_deg).all()
+    assert np.mean(np.abs(found.error_deg) < 2.0 * found.sigma_deg) > 0.9
+
+
+def test_gyro_alone_makes_no_heading() -> None:
+    voyage = sailed("straight", 240.0)
+    rows = HeadingFusion("adaptive").run(voyage.samples[voyage.samples["source"] == IMU])
+    assert set(rows["mode"]) == {"invalid"}
+
+
+def test_never_worse_than_the_papers_methods() -> None:
+    for name in ("north", "lost-compass", "current"):
+        voyage = sailed(name, 240.0 if name != "current" else 300.0)
+        assert errors(voyage).rmse_deg < errors(voyage, method="cnw3").rmse_deg, name
+
+
+def test_batches_do_not_change_the_estimate() -> None:
+    samples = sailed("north", 240.0).samples[:8000]
+    whole = HeadingFusion("adaptive", variation_deg=-8.0).run(samples)
+    fusion = HeadingFusion("adaptive", variation_deg=-8.0)
+    parts = np.concatenate([fusion.run(samples[i : i + 777]) for i in range(0, len(samples), 777)])
+    assert whole.tobytes() == parts.tobytes()
+    assert np.isin(COMPASS, samples["source"])

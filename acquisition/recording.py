@@ -193,6 +193,7 @@ class RecordingReader:
 
     `dropped` counts what was left out, by reason: "cut last line", "malformed", "unknown source", "backwards" (by more
     than 1 s against the latest), "forward jump" (of more than a day), "damaged gzip" (the rest of that file).
+    A replay adds "unknown task".
     """
 
     def __init__(self, paths: Sequence[str | Path]) -> None:
@@ -319,7 +320,7 @@ class _Piece:
                     if not equals:
                         raise ValueError("no = in it")
                     self.config[key.strip()] = tomllib.loads(f"value = {value}")["value"]
-            except (ValueError, OverflowError) as error:
+            except (ValueError, OverflowError, RecursionError) as error:
                 raise RecordingError(f"{self.path}, line {number}: malformed {word} line: {error}") from error
 
     def texts(self, dropped: Counter[str]) -> Iterator[tuple[list[bytes], int]]:

@@ -125,6 +125,7 @@ def test_every_sensor_gets_its_decoder() -> None:
         ("[fusion]\nmax_sigma_deg = -3", "fusion.max_sigma_deg = -3 must be a number from 0.1 to 180"),
         ("[fusion]\nmax_sigma_deg = nan", "fusion.max_sigma_deg = nan must be a number"),
         ("[fusion]\nmax_sigma_deg = true", "fusion.max_sigma_deg = true must be a number"),
+        ("[fusion]\nmax_sigma_deg = 1" + "0" * 400, "must be a number"),
         ("[vessel]\nvariation_deg = 'east'", 'variation_deg = "east" must be a number from -180 to 180 or "auto"'),
         ("[vessel]\nvariation_deg = 200", "variation_deg = 200 must be a number"),
         ("[sensors.gps1]\nenabled = 1", "sensors.gps1.enabled = 1 must be true or false"),

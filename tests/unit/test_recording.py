@@ -156,6 +156,7 @@ def test_lines_after_the_end_are_not_an_error(tmp_path: Path) -> None:
         (b"#tinyekf-recording 7\n", "version 7"),
         (b"#tinyekf-recording 1\n#start yesterday\n", "line 2: malformed #start"),
         (b"#tinyekf-recording 1\n#config fusion.method=cnw3\n", "line 2: malformed #config"),
+        (b"#tinyekf-recording 1\n#config fusion.method=" + b"[" * 4000 + b"\n", "line 2: malformed #config"),
         (b"\x1f\x8bnot gzip at all", "gzip"),
     ],
 )

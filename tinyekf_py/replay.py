@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from acquisition.decoder import Decoder, make_decoder
 from acquisition.recording import Event, Line, RecordingReader, read_recording
+from acquisition.sample import SOURCES
 from tinyekf_py.config import Config, apply_flat
 from tinyekf_py.estimate import Estimate, estimates_to_array
-from tinyekf_py.fusion import HeadingFusion, fusion_of
+from tinyekf_py.fusion import STAGES, HeadingFusion, fusion_of
 from tinyekf_py.tasks import Tasks, task_names
 
 _BATCH = 2000  # samples fed at a time
@@ -93,13 +94,19 @@ class Replay:
                 if entry.verb == "restart":
                     self._restart(entry.name)
                     decode_of = {name: decoder.decode for name, decoder in self._decoders.items()}
-                else:
+                elif self._knows(entry):
                     yield entry
         yield b"".join(records)
 
     def _restart(self, name: str) -> None:
         if name in self._decoders:
             self._renew(name)
+
+    def _knows(self, event: Event) -> bool:
+        """Whether there is such a task; a damaged name is counted among what the reader dropped."""
+        known = event.name in STAGES or event.name in SOURCES
+        self.reader.dropped["unknown task"] += not known
+        return known
 
     def _obey(self, event: Event) -> list[Estimate]:
         return self.fusion.set_task(event.t_us, event.name, event.verb == "start")
@@ -121,7 +128,7 @@ class Replay:
             if isinstance(entry, Event):
                 if entry.verb == "restart":
                     self._restart(entry.name)
-                else:
+                elif self._knows(entry):
                     yield self._obey(entry)
             elif entry.source in self._decoders:
                 samples = self._decoders[entry.source].decode(entry.t_us, entry.line)

@@ -80,6 +80,13 @@ def _check(parser: OneLineParser, options: argparse.Namespace) -> None:
         parser.error("--scenario and --seed go with --simulate")
     if options.replay and options.output is None and options.speed is None:
         parser.error("--replay needs --output CSV (or --speed 1, to watch it)")
+    if options.replay and options.output and any(_is_one_file(options.output, path) for path in options.replay):
+        parser.error(f"--output {options.output} would overwrite the recording that is replayed")
+
+
+def _is_one_file(a: Path, b: Path) -> bool:
+    """Whether what is written to `a` would end in `b`; /dev/null takes any number."""
+    return a.resolve() == b.resolve() and (a.is_file() or not a.exists())
 
 
 def _config(options: argparse.Namespace) -> Config:
@@ -103,10 +110,14 @@ def _live(options: argparse.Namespace) -> int:
     config = _config(options)
     if options.config is None and not options.simulate and not DEFAULT_CONFIG.exists():
         _log.info("no ./%s: using the defaults (tinyekf run --print-config shows them)", DEFAULT_CONFIG)
+    outputs = config.outputs
+    if outputs.recording and outputs.csv and _is_one_file(Path(outputs.csv), Path(outputs.recording)):
+        raise ConfigError(f"the recording and the heading CSV cannot be one file, {outputs.csv}")
     start_us = time.monotonic_ns() // 1000
     if not options.simulate:
         return _run_live(LiveRun(config, start_us=start_us), options)
-    truth = Path(config.outputs.recording).with_suffix(".truth.csv") if config.outputs.recording else None
+    recording = Path(outputs.recording)
+    truth = recording.with_suffix(".truth.csv") if recording.name else None
     if truth is not None and not truth.parent.is_dir():
         truth = None  # the recording will complain
     wanted = ["--scenario", options.scenario] if options.scenario is not None else []

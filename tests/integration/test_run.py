@@ -163,6 +163,18 @@ def test_compressed_recording_replays_as_it_is(tmp_path: Path) -> None:
     assert (tmp_path / "rec.log.csv").read_bytes() == (tmp_path / "rec.log.gz.csv").read_bytes()
 
 
+@pytest.mark.parametrize("pace", [[], ["--speed", "1000"]])
+def test_switch_of_an_unknown_task_is_damage_like_any_other(tmp_path: Path, pace: list[str]) -> None:
+    heading = "$HCHDT,1.0,T*28"
+    (tmp_path / "r.log").write_text(
+        f"#tinyekf-recording 1\n0.000000 compass {heading}\n#event 0.5 stop ekf99\n1.000000 compass {heading}\n"
+    )
+    done = run(tmp_path, "--replay", "r.log", *pace, "--output", "x.csv")
+    assert done.returncode == 0, done.stderr
+    assert "dropped 1 unknown task" in done.stderr
+    assert len(read_heading_csv(tmp_path / "x.csv")) == 10
+
+
 def test_printed_configuration_is_a_configuration(tmp_path: Path) -> None:
     printed = run(tmp_path, "--print-config")
     assert printed.returncode == 0
@@ -187,6 +199,9 @@ def test_printed_configuration_is_a_configuration(tmp_path: Path) -> None:
         (["--duration", "-3", "--simulate"], "seconds above 0"),
         (["--sumulate"], "--sumulate"),
         (["--simulate", "--record", "no/folder.log"], "no/folder.log: No such file"),
+        (["--simulate", "--record", "/"], "cannot record to /: Is a directory"),
+        (["--replay", "good.log", "--output", "./good.log"], "good.log would overwrite the recording"),
+        (["--simulate", "--record", "x.log", "--output", "x.log"], "cannot be one file, x.log"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
@@ -199,6 +214,7 @@ def test_mistakes_get_one_line_and_status_2(tmp_path: Path, options: list[str], 
     lines = [line for line in done.stderr.splitlines() if " INFO " not in line]
     assert len(lines) == 1, done.stderr
     assert re.search(complaint, lines[0]), lines[0]
+    assert (tmp_path / "good.log").read_text().startswith("#tinyekf-recording")
 
 
 def test_console_script_names_the_nearest_command(tmp_path: Path) -> None:

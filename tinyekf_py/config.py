@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 __all__ = [
     "METHODS",
     "PAPER_METHODS",
+    "PAPER_Q",
+    "PAPER_R",
     "Config",
     "ConfigError",
     "apply_flat",
@@ -51,6 +53,8 @@ __all__ = [
 #: The methods of the papers: their standard deviation is that of their own covariance, and uncalibrated.
 PAPER_METHODS = ("cnw-ekf", "cnw3", "ekf-ci")
 METHODS = (*PAPER_METHODS, "adaptive")
+#: The papers' noise of position (m^2) and heading (degrees^2): process noise per second, and measurement noise.
+PAPER_Q, PAPER_R = (0.01, 0.01, 10.0), (0.3, 0.07, 0.03)
 TASKS = task_names(tuple(SOURCES), MAX_GPS)
 Section = TypeVar("Section", bound="DataclassInstance")
 
@@ -169,6 +173,20 @@ class FusionConfig:
         "A heading whose standard deviation is above this is invalid, and not given.",
         number(0.1, 180),
         unit="degrees",
+        shapes_result=True,
+    )
+    q: tuple[float, ...] = key(
+        PAPER_Q,
+        "Process noise of the papers' filters as [north, east, heading]; tinyekf tune estimates it.",
+        numbers(("north", "east", "heading"), 1e-9, 1e9),
+        unit="m^2/s, m^2/s, degrees^2/s",
+        shapes_result=True,
+    )
+    r: tuple[float, ...] = key(
+        PAPER_R,
+        "Measurement noise of the papers' filters as [north, east, heading]; tinyekf tune estimates it.",
+        numbers(("north", "east", "heading"), 1e-9, 1e9),
+        unit="m^2, m^2, degrees^2",
         shapes_result=True,
     )
     cnw_ekf: CnwEkfConfig = CnwEkfConfig()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from acquisition.sample import COMPASS, IMU, MAX_GPS, SAMPLE_SIZE, SOURCES, Sample
 from tinyekf_py._core import ffi, lib
-from tinyekf_py.config import CompassConfig, Config, ImuConfig
+from tinyekf_py.config import PAPER_Q, PAPER_R, CompassConfig, Config, ImuConfig
 from tinyekf_py.estimate import Estimate, estimates_to_array
 from tinyekf_py.variation import VariationError, variation_deg
 
@@ -69,12 +69,15 @@ class HeadingFusion:
         accel: str = "gravity",
         max_sigma_deg: float = 30.0,
         ekf_gps: int = 1,
+        q: Sequence[float] = PAPER_Q,
+        r: Sequence[float] = PAPER_R,
     ) -> None:
         """`sources` are the sensors aboard; `n_gps` = N is short for gps1 to gpsN in their place.
 
         `variation_deg`: degrees, east positive, or "auto" (World Magnetic Model, else the sentences').
         `deviation_deg`: A to E of the compass. `mount_deg`: roll, pitch, yaw of the rotation that turns the IMU's
         axes into the boat's. `accel`: "gravity" or "specific-force". `ekf_gps`: whose filter `cnw-ekf` runs.
+        `q` (per second), `r`: noise of the papers' filters, [north m^2, east m^2, heading degrees^2].
         ValueError for what is unknown or out of range.
         """
         if method not in METHODS:
@@ -98,6 +101,9 @@ class HeadingFusion:
         settings.has_compass = COMPASS in numbers
         settings.has_imu = IMU in numbers
         settings.ekf_gps = ekf_gps - 1
+        for noise, values, papers in ((settings.noise.q, q, PAPER_Q), (settings.noise.r, r, PAPER_R)):
+            if tuple(values) != papers:  # theirs are there already, to the last bit
+                noise[0], noise[1], noise[2] = values[0], values[1], values[2] * math.radians(1.0) ** 2
         settings.deviation = [math.radians(term) for term in deviation_deg]
         settings.variation = math.nan if isinstance(variation_deg, str) else math.radians(variation_deg)
         settings.wants_variation = isinstance(variation_deg, str) and COMPASS in numbers
@@ -241,6 +247,8 @@ def fusion_of(config: Config) -> HeadingFusion:
         accel=imu.accel if isinstance(imu, ImuConfig) else "gravity",
         max_sigma_deg=config.fusion.max_sigma_deg,
         ekf_gps=config.fusion.cnw_ekf.gps,
+        q=config.fusion.q,
+        r=config.fusion.r,
     )
 
 

@@ -11,6 +11,7 @@ COMMANDS = {
     "run": ("tinyekf_py.run", "the heading, live, simulated or replayed"),
     "ctl": ("tinyekf_py.ctl", "see, start and stop the tasks of a running program"),
     "calibrate": ("tinyekf_py.calibrate.command", "the compass' deviation and the gyro's bias, from a recording"),
+    "tune": ("tinyekf_py.tune", "Q and R of the papers' filters, from recordings"),
     "evaluate": ("tinyekf_py.evaluate.command", "methods against the truth: a table and pictures"),
     "devices": ("tinyekf_py.devices", "find the sensors, give them lasting names, check these"),
     "simulate": ("acquisition.simulator.command", "a boat with five devices, as a recording with truth or on ptys"),

@@ -267,8 +267,11 @@ static int must_take_gps(vehicle_t *v, const vehicle_epoch_t *epoch)
     }
     const double dx = epoch->gps_x_m - v->pose[0];
     const double dy = epoch->gps_y_m - v->pose[1];
-    v->C[0][0] += dx * dx + dy * dy;
-    v->C[1][1] += dx * dx + dy * dy;
+    const double lost = dx * dx + dy * dy;
+    const double way = v->speed_mps * fmax(v->options.reaccept_s, 1.0);
+    v->C[0][0] += lost;
+    v->C[1][1] += lost;
+    v->C[2][2] += lost / (lost + way * way); /* the azimuth by what would lead there */
     return 1;
 }
 

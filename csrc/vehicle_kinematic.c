@@ -11,6 +11,9 @@ enum { PX, PY, VX, VY, PX0, PY0, VX0, VY0, STATES };
 /* Below this speed, in m/s, a velocity has no direction worth a rotation. */
 static const double no_direction_mps = 0.05;
 
+/* Without a rotation measured the acceleration across is this many times as free: a curve lasts, it is no white noise. */
+static const double unmeasured_turn = 4.0;
+
 /* The prediction, of both epochs. */
 typedef struct {
     double x[STATES];
@@ -24,7 +27,8 @@ typedef struct {
  * predicting straight on instead, the tangent's correction would make the vehicle faster in every curve. Noise of the
  * acceleration along and across, constant between epochs, and a little of the position, without which the covariance
  * would be singular. What is observed is linearised at this prediction. */
-static prediction_t predict(const vehicle_t *v, double acceleration, double turn, double dt, double P[STATES][STATES])
+static prediction_t predict(const vehicle_t *v, double acceleration, double rotation, double dt,
+                            double P[STATES][STATES])
 {
     const vehicle_options_t *o = &v->options;
     const double azimuth = v->pose[2];
@@ -33,7 +37,9 @@ static prediction_t predict(const vehicle_t *v, double acceleration, double turn
     const double a = measured ? acceleration : 0.0;
     const double along =
         measured ? o->accel_sigma_mps2[1] * o->accel_sigma_mps2[1] : o->along_density * o->along_density / dt;
-    const double across = o->lateral_density * o->lateral_density / dt;
+    const double turn = isfinite(rotation) ? rotation : 0.0;
+    const double freedom = isfinite(rotation) ? 1.0 : unmeasured_turn;
+    const double across = o->lateral_density * o->lateral_density * freedom * freedom / dt;
     const double S[2] = {0.5 * dt * dt, dt}; /* of an acceleration on position, on velocity */
     const double turning[2] = {turn / 2.0, turn};
     const double of_speed = speed > no_direction_mps ? a / speed : 0.0; /* the acceleration turns with the velocity */
@@ -211,14 +217,18 @@ static uint32_t gate(vehicle_t *v, vehicle_clone_measurement_t *m, double P[STAT
     if (m->rows & position) {
         const int far = v->options.gate_gps > 0.0 && position_nis(m, (const double(*)[STATES])P) > v->options.gate_gps;
         if (far && vehicle_note_gps(v, t_s, 0)) {
-            /* Refused for long enough: it is we who are lost. Both epochs, by as much as the position differs. */
+            /* Refused for long enough: it is we who are lost. Both epochs, by as much as the position differs, and
+             * the velocity by what would lead there. */
             const double dx = (double)(m->z[VEHICLE_X] - m->hx[VEHICLE_X]);
             const double dy = (double)(m->z[VEHICLE_Y] - m->hx[VEHICLE_Y]);
-            for (int i = 0; i < 2; i++) {
-                P[PX + i][PX + i] += dx * dx + dy * dy;
-                P[PX0 + i][PX0 + i] += dx * dx + dy * dy;
-                P[PX + i][PX0 + i] += dx * dx + dy * dy;
-                P[PX0 + i][PX + i] += dx * dx + dy * dy;
+            const double lost = dx * dx + dy * dy;
+            const double since = fmax(v->options.reaccept_s, 1.0);
+            for (int i = 0; i < 4; i++) {
+                const double variance = i < VX ? lost : lost / (since * since);
+                P[i][i] += variance;
+                P[i][i + PX0] += variance;
+                P[i + PX0][i] += variance;
+                P[i + PX0][i + PX0] += variance;
             }
             vehicle_note_gps(v, t_s, 1);
         } else if (far) {
@@ -248,7 +258,7 @@ void vehicle_kinematic_epoch(vehicle_t *v, const vehicle_epoch_t *epoch, double 
     double turn_variance;
     const double turn = vehicle_turn(&v->options, epoch, ~0u, dt, &turn_variance);
     double P[STATES][STATES];
-    const prediction_t at = predict(v, epoch->bosch_mps2, isfinite(turn) ? turn : 0.0, dt, P);
+    const prediction_t at = predict(v, epoch->bosch_mps2, turn, dt, P);
 
     vehicle_clone_measurement_t m = {.rows = 0, .angle_rows = 15u << VEHICLE_PHI_ODO};
     if (vehicle_has_gps(epoch)) {

@@ -7,6 +7,7 @@
 
 static const double given_azimuth_sigma_rad = 2.0 * ANGLE_DEGREE;
 static const double first_speed_sigma_mps = 0.5;
+static const double unknown_speed_sigma_mps = 5.0; /* of a chord's: the vehicle may have stood for half of it */
 
 /* Without distances: once the positions have moved by this many sigma and metres, their chord is the azimuth. */
 static const double chord_sigmas = 15.0;
@@ -69,7 +70,7 @@ static int from_chord(vehicle_t *v, const vehicle_epoch_t *epoch)
     const double arm[2] = {0.0, 0.0};
     const double speed = length / duration;
     set_pose(v, position, azimuth, variance, 2.0 * variance / (length * length), arm, speed,
-             first_speed_sigma_mps + 0.3 * speed);
+             unknown_speed_sigma_mps + speed);
     return 1;
 }
 

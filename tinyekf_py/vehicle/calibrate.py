@@ -46,9 +46,9 @@ def smooth(t: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
         if last - first >= 5 and t[i] - t[first] > _WINDOW_S / 4 and t[last - 1] - t[i] > _WINDOW_S / 4:
             s = t[first:last] - t[i]
             powers = np.stack([np.ones_like(s), s, s * s], axis=1)
-            (_, vx[i], _), (_, vy[i], _) = np.linalg.lstsq(powers, np.stack([x[first:last], y[first:last]], 1), rcond=None)[
-                0
-            ].T
+            (_, vx[i], _), (_, vy[i], _) = np.linalg.lstsq(
+                powers, np.stack([x[first:last], y[first:last]], 1), rcond=None
+            )[0].T
     speed = np.hypot(vx, vy)
     course = np.where(speed > _SLOWEST_MPS, np.arctan2(vy, vx), np.nan)
     there = np.isfinite(course)
@@ -149,6 +149,8 @@ def calibration_text(fits: Mapping[str, Fit], config: VehicleConfig) -> str:
         offset = fit.scale * channel.offset + (0.0 if counter else fit.offset / size)
         lines.append(f"offset = {offset:.6g}" + ("" if counter else f"  # +- {fit.offset_sigma / size:.2g}"))
         lines.append(f'unit = "{unit}"')
-        lines.append(f"# latency behind GPS {fit.latency_s:.3f} +- {fit.latency_sigma_s:.3f} s, residual {fit.residual:.3g}")
+        lines.append(
+            f"# latency behind GPS {fit.latency_s:.3f} +- {fit.latency_sigma_s:.3f} s, residual {fit.residual:.3g}"
+        )
         lines.append("")
     return "\n".join(lines)

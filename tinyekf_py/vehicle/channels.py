@@ -91,7 +91,9 @@ def _times(table: Table, name: str, unit_s: float, counts: Counter[str]) -> tupl
     kept[1:] &= t[1:] > latest[:-1]
     dropped = int(len(t) - kept.sum())
     if dropped * 2 > len(t):
-        raise DriveError(f"{table.path}: {dropped} of {len(t)} time stamps in {name!r} do not increase; is it the time?")
+        raise DriveError(
+            f"{table.path}: {dropped} of {len(t)} time stamps in {name!r} do not increase; is it the time?"
+        )
     counts["rows with missing times"] += int((~finite).sum())
     counts["rows out of order or repeated"] += dropped - int((~finite).sum())
     return t[kept], kept
@@ -119,7 +121,9 @@ def _believed(values: Floats, largest: float, where: str, what: str, counts: Cou
     n = int(beyond.sum())
     if n > UNIT_MISTAKE * len(values):
         example = values[beyond][0]
-        raise DriveError(f"{where} has {example:g} {what}, where {largest:g} is the most; are raw, scale and unit right?")
+        raise DriveError(
+            f"{where} has {example:g} {what}, where {largest:g} is the most; are raw, scale and unit right?"
+        )
     counts["implausible values"] += n
     return np.where(beyond, np.nan, values)
 

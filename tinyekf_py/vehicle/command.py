@@ -77,8 +77,12 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--output", type=Path, required=True, metavar="TRACK.csv")
     evaluate = drive_command("evaluate", "Methods beside each other: the paper's tables and pictures.")
     evaluate.add_argument("--method", type=_methods, default=["kinematic-paper", "kinematic", "lsa"], metavar="M,...")
-    evaluate.add_argument("--truth", type=Path, metavar="T.csv", help="t_s, x_m and y_m (or lat_deg, lon_deg), azimuth_deg")
-    evaluate.add_argument("--azimuth-offset", type=float, default=0.0, metavar="DEG", help="taken off the truth's azimuth")
+    evaluate.add_argument(
+        "--truth", type=Path, metavar="T.csv", help="t_s, x_m and y_m (or lat_deg, lon_deg), azimuth_deg"
+    )
+    evaluate.add_argument(
+        "--azimuth-offset", type=float, default=0.0, metavar="DEG", help="taken off the truth's azimuth"
+    )
     evaluate.add_argument("--out", type=Path, metavar="DIR", help="where pictures go")
     calibrate = drive_command("calibrate", "Scale, offset and latency of each channel against GPS.")
     calibrate.add_argument("--output", type=Path, required=True, metavar="CAL.toml")

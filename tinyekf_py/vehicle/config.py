@@ -91,7 +91,9 @@ class DriveConfig:
         "auto", "Azimuth at the first position; auto finds it from the first metres.", number(-360, 360, or_word="auto"),
         unit="degrees",
     )  # fmt: skip
-    max_gap_s: float = key(0.5, "A sensor silent for longer has measured nothing meanwhile.", number(0.001, 60), unit="s")
+    max_gap_s: float = key(
+        0.5, "A sensor silent for longer has measured nothing meanwhile.", number(0.001, 60), unit="s"
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,7 +121,9 @@ class ChannelConfig:
     )
     file: str = key("", "File that holds it, beside DATA.csv; empty is DATA.csv itself.", text)
     time_column: str = key("", "Column of its time stamps there; empty is that of [time].", text)
-    raw: str = key("unit", "What the column holds: unit, V (A/D converter) or impulses.", choice("unit", "V", "impulses"))
+    raw: str = key(
+        "unit", "What the column holds: unit, V (A/D converter) or impulses.", choice("unit", "V", "impulses")
+    )
     scale: float = key(1.0, "Value = scale * raw + offset.", number(-1e9, 1e9))
     offset: float = key(0.0, "Value = scale * raw + offset.", number(-1e9, 1e9))
     unit: str = key("", "Unit of the value; empty is the channel's standard.", choice("", *UNITS))
@@ -198,7 +202,9 @@ def _configured(tables: Mapping[str, Any], where: str) -> VehicleConfig:
         if not channels[name].column:
             raise ConfigError(f"{where}: channels.{name} needs its column")
         if len(channels[name].axis) != len(channels[name].column):
-            raise ConfigError(f"{where}: channels.{name} has {len(channels[name].column)} columns; give axis as many numbers")
+            raise ConfigError(
+                f"{where}: channels.{name} has {len(channels[name].column)} columns; give axis as many numbers"
+            )
     config = VehicleConfig(
         time=_section(TimeConfig(), "time", tables.get("time", {}), where),
         drive=_section(DriveConfig(), "drive", tables.get("drive", {}), where),
@@ -217,7 +223,9 @@ def _check(config: VehicleConfig, where: str) -> None:
         unit = channel.unit or standard
         if UNITS[unit][0] not in quantities:
             allowed = ", ".join(known for known, (quantity, _) in UNITS.items() if quantity in quantities)
-            raise ConfigError(f"{where}: channels.{name}.unit = {toml_value(unit)} is no unit of a {quantities[0]}: {allowed}")
+            raise ConfigError(
+                f"{where}: channels.{name}.unit = {toml_value(unit)} is no unit of a {quantities[0]}: {allowed}"
+            )
 
 
 def _subtables(tables: Mapping[str, Any], where: str) -> Mapping[str, Any]:

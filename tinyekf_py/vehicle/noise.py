@@ -20,7 +20,9 @@ _way = numbers(("white", "walk", "relative"), 0, 1000)
 
 
 def _turn_key(values: tuple[float, float, float], sensor: str) -> Any:
-    return key(values, f"Noise of the {sensor}'s rotation, as [white, walk, relative].", _turn, unit="deg, deg/sqrt(s), 1")
+    return key(
+        values, f"Noise of the {sensor}'s rotation, as [white, walk, relative].", _turn, unit="deg, deg/sqrt(s), 1"
+    )
 
 
 def _way_key(values: tuple[float, float, float], sensor: str) -> Any:
@@ -36,7 +38,9 @@ class Noise:
         "Where the values come from: ours, with the keys below, or paper, the third paper's variances.",
         choice("ours", "paper"),
     )
-    gps_m: float = key(1.5, "Standard deviation of each GPS coordinate, where no column tells it.", number(1e-4, 1e4), unit="m")
+    gps_m: float = key(
+        1.5, "Standard deviation of each GPS coordinate, where no column tells it.", number(1e-4, 1e4), unit="m"
+    )
     turn_odo: tuple[float, float, float] = _turn_key((0.5, 0.0, 0.01), "odometer")
     turn_xsens: tuple[float, float, float] = _turn_key((0.0, 0.05, 0.0), "XSENS")
     turn_silicon: tuple[float, float, float] = _turn_key((0.0, 0.05, 0.0), "Silicon sensor")
@@ -45,19 +49,34 @@ class Noise:
     way_xsens: tuple[float, float, float] = _way_key((0.003, 0.0, 0.0), "XSENS")
     way_bosch: tuple[float, float, float] = _way_key((0.003, 0.0, 0.0), "Bosch sensor")
     way_oss: tuple[float, float, float] = _way_key((0.003, 0.01, 0.0), "optical sensor")
-    accel_xsens_mps2: float = key(0.3, "Standard deviation of XSENS's mean acceleration.", number(1e-3, 100), unit="m/s^2")
-    accel_bosch_mps2: float = key(0.3, "Standard deviation of Bosch's mean acceleration.", number(1e-3, 100), unit="m/s^2")
+    accel_xsens_mps2: float = key(
+        0.3, "Standard deviation of XSENS's mean acceleration.", number(1e-3, 100), unit="m/s^2"
+    )
+    accel_bosch_mps2: float = key(
+        0.3, "Standard deviation of Bosch's mean acceleration.", number(1e-3, 100), unit="m/s^2"
+    )
     along: float = key(
-        0.6, "Acceleration along the way where none is measured, as a density.", number(1e-3, 100), unit="m/s^2/sqrt(Hz)"
+        0.6,
+        "Acceleration along the way where none is measured, as a density.",
+        number(1e-3, 100),
+        unit="m/s^2/sqrt(Hz)",
     )
     lateral: float = key(
-        1.6, "Acceleration across the way (it turns the velocity), as a density.", number(1e-3, 100), unit="m/s^2/sqrt(Hz)"
+        1.6,
+        "Acceleration across the way (it turns the velocity), as a density.",
+        number(1e-3, 100),
+        unit="m/s^2/sqrt(Hz)",
     )
     position_walk: float = key(
-        0.01, "What the model leaves out: slip, sideslip, as a random walk of the position.", number(1e-4, 10), unit="m/sqrt(s)"
+        0.01,
+        "What the model leaves out: slip, sideslip, as a random walk of the position.",
+        number(1e-4, 10),
+        unit="m/sqrt(s)",
     )
     gate_gps: float = key(
-        13.8, "Largest normalised innovation squared of a GPS position (2 degrees of freedom); 0 takes all.", number(0, 1e9)
+        13.8,
+        "Largest normalised innovation squared of a GPS position (2 degrees of freedom); 0 takes all.",
+        number(0, 1e9),
     )
     gate_row: float = key(
         10.8, "Largest normalised innovation squared of another observation; 0 takes all.", number(0, 1e9)

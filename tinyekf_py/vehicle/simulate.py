@@ -69,7 +69,9 @@ def true_motion(shape: str, duration_s: float, rate_hz: float) -> tuple[Floats, 
     return t, x, y, azimuth, rate, speed
 
 
-def simulate_drive(shape: str, *, duration_s: float = 120.0, seed: int = 1, grade: Grade | None = None) -> SimulatedDrive:
+def simulate_drive(
+    shape: str, *, duration_s: float = 120.0, seed: int = 1, grade: Grade | None = None
+) -> SimulatedDrive:
     """A drive of `shape` (one of SHAPES) with all sensors. Missing is NaN: GPS stands in every tenth row."""
     g = grade or Grade()
     chance = np.random.default_rng(seed)

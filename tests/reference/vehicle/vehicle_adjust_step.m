@@ -12,8 +12,9 @@ function [s, out] = vehicle_adjust_step(method, s, e, o, dt, out)
     if ~r.converged
       return   % the epoch cannot be adjusted: everything stays
     end
+    r.w(~any(bits, 2)) = NaN;   % the previous epoch is not suspected
     [w, k] = max(abs(r.w));   % NaN is passed over
-    outlier = isfinite(w) && any(bits(k, :)) && r.degrees >= 1 && r.vPv > critical(r.degrees) ...
+    outlier = isfinite(w) && r.degrees >= 1 && r.vPv > critical(r.degrees) ...
               && w > 3.2905267314918945;
     if ~outlier || snooped >= 3
       break
@@ -22,7 +23,8 @@ function [s, out] = vehicle_adjust_step(method, s, e, o, dt, out)
     if kinds(k) <= 2
       [s, must] = note_refused(s, e.t, o);
       if must
-        s.C(1:2, 1:2) = s.C(1:2, 1:2) + eye(2)*sum((e.gps - s.pose(1:2)).^2);
+        lost = sum((e.gps - s.pose(1:2)).^2);
+        s.C = s.C + diag([lost lost lost/(lost + (s.speed*max(o.reaccept_s, 1))^2)]);
       end
     end
     if ~must

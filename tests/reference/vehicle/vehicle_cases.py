@@ -74,9 +74,11 @@ def cases() -> list[Case]:
     gaps["xsens_mps2"][220:320] = NAN
     outliers = plain.epochs.copy()
     outliers["gps_x_m"][90::20] += 30.0
-    outliers["odo_m"][100::23] += 2.0
+    outliers["odo_m"][100:240:23] += 2.0
     outliers["turn_rad"][105::31, 3] += 0.6
-    outliers["gps_y_m"][300:350] += 40.0
+    outliers["gps_y_m"][300:320] += 40.0
+    moved = plain.epochs.copy()
+    moved["gps_y_m"][300:] += 40.0
     lone = empty_epochs(plain.epochs["t_s"])
     for name in ("gps_x_m", "gps_y_m"):
         lone[name] = plain.epochs[name]
@@ -91,6 +93,7 @@ def cases() -> list[Case]:
         Case("rtk", drive(2, gps_m=0.02, lever=(0.8, -0.3)), Noise(gps_m=0.02), lever_m=(0.8, -0.3)),
         Case("gaps", gaps, Noise(gps_m=1.0)),
         Case("outliers", outliers, Noise(gps_m=1.0)),
+        Case("moved", moved, Noise(gps_m=1.0)),
         Case("gps_alone", lone, Noise(gps_m=1.0)),
         Case("one_gyro", gyro, Noise(gps_m=1.0)),
         Case("repeated", repeated, Noise(gps_m=1.0)),
@@ -108,6 +111,8 @@ RUNS = [
     if method in ("kinematic-paper", "kinematic", "lsa") or case.name in ("plain", "rtk")
     # At rest the paper's filter follows the noise of positions it takes for exact: rounding grows without bound.
     if (case.name, method) != ("given_azimuth", "kinematic-paper")
+    # While the adjustment finds back, several observations are suspected by the same: rounding decides between them.
+    if (case.name, method) != ("moved", "lsa")
 ]
 
 

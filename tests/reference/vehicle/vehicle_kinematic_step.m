@@ -2,8 +2,10 @@ function [s, out] = vehicle_kinematic_step(s, e, o, dt, out)
 % VEHICLE_KINEMATIC_STEP  The filter with the previous epoch's state as clones: states [now; then], 8 in all.
   turn = weighted_mean(o, 3:6, e.turn, dt);
   share = chord_share(turn);
+  lateral = o.lateral;
   if ~isfinite(turn)
     turn = 0;
+    lateral = 4*lateral;
   end
   a = e.bosch;
   along = o.accel_sigma(2)^2;
@@ -27,7 +29,7 @@ function [s, out] = vehicle_kinematic_step(s, e, o, dt, out)
   F = [eye(2) rotation2(turn/2)*(dt*eye(2) + 0.5*dt^2*bend*(n0*n0'))
        zeros(2) rotation2(turn)*(eye(2) + dt*bend*(n0*n0'))];
   S = [0.5*dt^2*eye(2); dt*eye(2)];
-  Q = S*(along*(u*u') + o.lateral^2/dt*(n*n'))*S' + diag([1 1 0 0])*o.position_walk^2*dt;
+  Q = S*(along*(u*u') + lateral^2/dt*(n*n'))*S' + diag([1 1 0 0])*o.position_walk^2*dt;
   x = [s.x(1:2) + D*u; v1*[cos(now); sin(now)]; s.x];
   P = [F*s.P*F' + Q, F*s.P; s.P*F', s.P];
 
@@ -64,7 +66,7 @@ function [s, out] = vehicle_kinematic_step(s, e, o, dt, out)
     if far
       [s, must] = note_refused(s, e.t, o);
       if must
-        common = kron([1 0; 0 0], eye(2))*sum(d(1:2).^2);
+        common = sum(d(1:2).^2)*diag([1 1 [1 1]/max(o.reaccept_s, 1)^2]);
         P = P + kron(ones(2), common);
       else
         refused(1:2) = true;

@@ -42,7 +42,7 @@ function s = vehicle_start(s, e, o, dt)
       azimuth = atan2(chord(2), chord(1));
       speed = norm(chord)/duration;
       s = started(s, e.gps - rotation2(azimuth)*o.lever, azimuth, s.gv(end), 2*s.gv(end)/norm(chord)^2, [0; 0], ...
-                  speed, 0.5 + 0.3*speed);
+                  speed, 5 + speed);
     end
     return
   end

@@ -23,7 +23,7 @@ typedef struct {
 /* What suits a boat with the usual devices; its units are those of the structs. */
 #define ADAPTIVE_SETTINGS                                                                                              \
     {                                                                                                                  \
-        .latency_s = {0.12, 0.12, 0.12, 0.12, 0.12, 0.12, 0.12, 0.12, 0.05, 0.0}, .current_chance = 0.3,               \
+        .latency_s = {0.12, 0.12, 0.12, 0.12, 0.12, 0.12, 0.12, 0.12, 0.05, 0.0}, .current_chance = 0.1,               \
         .unmodelled = 0.25 * ANGLE_DEGREE,                                                                             \
         .noise = {                                                                                                     \
             .deviation = {1.2 * ANGLE_DEGREE, 2.3 * ANGLE_DEGREE, 2.3 * ANGLE_DEGREE, 0.9 * ANGLE_DEGREE,              \
@@ -40,7 +40,7 @@ typedef struct {
             .speed_walk = 0.03,                                                                                        \
             .slip_mean = -1.0,                                                                                         \
             .slip = 0.5,                                                                                               \
-            .current = {0.03, 0.5},                                                                                    \
+            .current = {0.03, 0.35},                                                                                   \
             .current_walk = {0.0005, 0.002},                                                                           \
             .compass = 0.5 * ANGLE_DEGREE,                                                                             \
             .compass_memory_s = 8.0,                                                                                   \

@@ -9,6 +9,7 @@ without a terminal, or on a dumb one, there are plain lines.
 from __future__ import annotations
 
 import atexit
+import importlib.util
 import logging
 import os
 import sys
@@ -70,8 +71,8 @@ class ConsoleView:
 
     @property
     def takes_terminal(self) -> bool:
-        """Whether `start` will draw on the whole terminal, if rich is there."""
-        return _is_screen(self._stream)
+        """Whether `start` will draw on the whole terminal."""
+        return _is_screen(self._stream) and importlib.util.find_spec("rich") is not None
 
     def start(self) -> None:
         """Take the terminal, and begin."""

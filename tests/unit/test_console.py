@@ -212,9 +212,11 @@ def test_no_color_is_obeyed() -> None:
 
 
 def test_without_rich_a_terminal_gets_plain_lines_and_a_notice() -> None:
-    program = "import sys\nsys.modules['rich'] = None\n" + PROGRAM.format(end="view.stop()")
+    # Whoever takes the terminal has the log to itself: without rich nobody would see it.
+    program = "import sys\nsys.modules['rich'] = None\n" + PROGRAM.format(end="print(view.takes_terminal)\nview.stop()")
     written = run_on_terminal(program, b"heading 123.4")
     assert b"[console]" in written
+    assert b"False" in written
     assert b"\x1b" not in written
 
 

@@ -15,6 +15,7 @@ COMMANDS = {
     "evaluate": ("tinyekf_py.evaluate.command", "methods against the truth: a table and pictures"),
     "devices": ("tinyekf_py.devices", "find the sensors, give them lasting names, check these"),
     "simulate": ("acquisition.simulator.command", "a boat with five devices, as a recording with truth or on ptys"),
+    "vehicle": ("tinyekf_py.vehicle.command", "position and azimuth of a land vehicle"),
 }
 
 

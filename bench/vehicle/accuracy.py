@@ -87,7 +87,9 @@ def paper_gap(runs: int) -> None:
     k = np.arange(1, 301)
     bound = np.sqrt(np.sum((way * (301 - k) / 300 * fused) ** 2))
     rms = float(np.sqrt(np.mean(np.square(ends))))
-    print(f"error at the end {rms:.1f} m rms, {100 * rms / way:.1f} % of the way; bound sqrt(sum sigma^2) {bound:.1f} m")
+    print(
+        f"error at the end {rms:.1f} m rms, {100 * rms / way:.1f} % of the way; bound sqrt(sum sigma^2) {bound:.1f} m"
+    )
 
 
 def long_run() -> None:

@@ -22,8 +22,10 @@ def drive() -> SimulatedDrive:
 
 def run(folder: Path, *extra: str) -> int:
     return main(
-        ["run", str(folder / "drive.csv"), "--config", str(folder / "config.toml"), "--calibration"]
-        + [str(folder / "calibration.toml"), "--output", str(folder / "track.csv"), *extra]
+        [
+            *("run", str(folder / "drive.csv"), "--config", str(folder / "config.toml"), "--calibration"),
+            *(str(folder / "calibration.toml"), "--output", str(folder / "track.csv"), *extra),
+        ]
     )
 
 

@@ -152,8 +152,10 @@ def test_evaluate_prints_the_tables_and_draws(tmp_path: Path, capsys: pytest.Cap
     pytest.importorskip("matplotlib", reason="matplotlib is not installed: pip install 'tinyekf-py[plots]'")
     simulated(tmp_path, "circle", Grade())
     status = main(
-        ["evaluate", str(tmp_path / "drive.csv"), "--config", str(tmp_path / "config.toml"), "--calibration"]
-        + [str(tmp_path / "calibration.toml"), "--truth", str(tmp_path / "truth.csv"), "--out", str(tmp_path / "p")]
+        [
+            *("evaluate", str(tmp_path / "drive.csv"), "--config", str(tmp_path / "config.toml"), "--calibration"),
+            *(str(tmp_path / "calibration.toml"), "--truth", str(tmp_path / "truth.csv"), "--out", str(tmp_path / "p")),
+        ]
     )
     assert status == 0
     assert "kinematic-paper  truth" in capsys.readouterr().out

@@ -88,7 +88,7 @@ class DriveConfig:
     track_width_m: float = key(1.5, "Distance between the odometer's two wheels.", number(0.1, 10), unit="m")
     standstill_mps: float = key(0.1, "Below this speed the vehicle stands.", number(0, 10), unit="m/s")
     start_azimuth_deg: float | str = key(
-        "auto", "Azimuth at the first position; auto finds it from the first metres.", number(-360, 360, or_word="auto"),
+        "auto", "Azimuth at the first position; auto: from the first metres.", number(-360, 360, or_word="auto"),
         unit="degrees",
     )  # fmt: skip
     max_gap_s: float = key(

@@ -1,7 +1,7 @@
 """From channels to epochs: synchronisation to the GPS time stamps.
 
-Every GPS position makes an epoch at its own time, latency taken off; between positions that are further apart epochs are
-put in. Rates are integrated, and counters interpolated, to the epochs' times, so sensors need no common clock rate. What
+Every GPS position makes an epoch at its own time, latency taken off; between positions further apart epochs are
+put in. Rates are integrated, and counters interpolated, to the epochs' times, so sensors need no common rate. What
 is measured off the reference point is moved there by the rotation of the epoch.
 """
 

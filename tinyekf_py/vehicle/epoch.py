@@ -31,7 +31,7 @@ OBSERVATIONS = (
 
 MODES = ("waiting", "gps", "dead-reckoning", "standstill")
 
-#: As `vehicle_epoch_t`: t_s, position and its sigma (m), rotations of odometer, XSENS, Silicon, Bosch (rad), distance of
+#: As `vehicle_epoch_t`: t_s, position and its sigma (m), rotations of odometer, XSENS, Silicon, Bosch (rad), way of
 #: the odometer (m), accelerations of XSENS and Bosch (m/s^2), distance of the optical sensor (m).
 EPOCH = np.dtype(
     [
@@ -78,7 +78,7 @@ def estimate_track(
     """One estimate an epoch, by a method of `METHODS`.
 
     `lever_m`: the GPS antenna forward and to starboard of the reference point; `standstill_mps`: below it the vehicle
-    stands; `start_azimuth_rad`: NaN finds the start from the first metres; `progress(done, all)` is called now and then.
+    stands; `start_azimuth_rad`: NaN finds the start from the first metres; `progress(done, all)` is called at times.
     """
     if method not in METHODS:
         raise ValueError(f"no method {method!r}; there are {', '.join(METHODS)}")

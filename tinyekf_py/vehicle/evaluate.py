@@ -1,4 +1,4 @@
-"""How good tracks are: the third paper's Tables 1 and 2, against GPS as there, and against a truth where there is one."""
+"""How good tracks are: the third paper's Tables 1 and 2, against GPS as there, and against a truth if any."""
 
 from __future__ import annotations
 
@@ -119,8 +119,8 @@ def results_text(results: list[Result]) -> str:
     lines = [
         f"{'method':16} {'against':7} {'n':>6} {'dx mean':>8} {'std':>7} {'dy mean':>8} {'std':>7} {'RMSE':>7} "
         f"{'azimuth':>8} {'std':>7} {'RMSE':>7} {'drift':>7} {'NEES':>8}",
-        f"{'':16} {'':7} {'':>6} {'m':>8} {'m':>7} {'m':>8} {'m':>7} {'m':>7} {'deg':>8} {'deg':>7} {'deg':>7} {'%':>7} "
-        f"{'(3)':>8}",
+        f"{'':16} {'':7} {'':>6} {'m':>8} {'m':>7} {'m':>8} {'m':>7} {'m':>7} {'deg':>8} {'deg':>7} {'deg':>7} {'%':>7}"
+        f" {'(3)':>8}",
     ]
     for r in results:
         numbers = (r.mean_dx_m, r.std_dx_m, r.mean_dy_m, r.std_dy_m, r.rmse_m)

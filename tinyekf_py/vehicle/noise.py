@@ -1,7 +1,7 @@
 """How good each sensor is believed to be: the noise settings of the vehicle's methods, as keys of its configuration.
 
 An observation's standard deviation is `sqrt(white^2 + walk^2 dt + (relative z)^2)` over the dt seconds since the epoch
-before: `white` does not care how long the epoch is (the steps of a counter), `walk` grows with its root (a gyro's noise),
+before: `white` does not care how long the epoch is (the steps of a counter), `walk` with its root (a gyro's noise),
 `relative` with what was measured (a scale). The preset `paper` is the third paper's section 3.1.
 """
 

@@ -1,4 +1,4 @@
-"""The third paper's Figures 7 to 12 as pictures: trajectory, displacement from GPS, velocity against the optical sensor."""
+"""The third paper's Figures 7 to 12: trajectory, displacement from GPS, velocity against the optical sensor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulated drives with every sensor of the third paper, raw as an A/D converter and a counter give them, and the truth.
+"""Simulated drives with every sensor of the third paper, raw as converters and counters give them, and the truth.
 
 The stated grade: three gyros of 0.035 deg/sqrt(s) each (0.02 fused) with residual biases of at most 0.02 deg/s, wheel
 pulses of 2 cm, an optical sensor of 1 cm/sqrt(s), GPS positions at 10 Hz with independent errors.

@@ -35,7 +35,6 @@ MAGIC = b"#tinyekf-recording "
 VERSION = 1
 EVENT_VERBS = ("start", "stop", "restart")
 MAX_LINE = 1024  # bytes of a device's line
-MAX_BACKWARDS_US = 1_000_000
 MAX_JUMP_US = 86_400_000_000
 
 _MAX_TEXT = 4 * MAX_LINE + 64  # bytes of a recorded line: each byte escaped, and the stamp and source before it
@@ -191,9 +190,10 @@ def read_recording(paths: str | Path | Sequence[str | Path]) -> RecordingReader:
 class RecordingReader:
     """Iterates the `Line` and `Event` entries of a recording, from the start each time it is iterated.
 
-    `dropped` counts what was left out, by reason: "cut last line", "malformed", "unknown source", "backwards" (by more
-    than 1 s against the latest), "forward jump" (of more than a day), "damaged gzip" (the rest of that file).
-    A replay adds "unknown task".
+    `dropped` counts what was left out, by reason: "cut last line", "malformed", "unknown source", "backwards" (over
+    a day before the beginning), "forward jump" (of more than a day), "damaged gzip" (the rest of that file). A replay
+    adds "unknown task". Smaller steps back are kept: after a stall of the live program the lines of one device stand
+    behind later ones of another, and what is too old among them the fusion refuses, live and replayed.
     """
 
     def __init__(self, paths: Sequence[str | Path]) -> None:
@@ -257,7 +257,7 @@ class RecordingReader:
                     dropped["forward jump"] += 1
                     continue
                 if t_us >= lowest:
-                    latest, lowest, highest = t_us, t_us - MAX_BACKWARDS_US, t_us + MAX_JUMP_US
+                    latest, highest = t_us, t_us + MAX_JUMP_US
             if t_us < lowest:
                 dropped["backwards"] += 1
                 continue

@@ -102,6 +102,20 @@ def test_killed_worker_is_told_of_restarted_and_replayed(tmp_path: Path) -> None
     assert (tmp_path / "live.csv").read_bytes() == (tmp_path / "replay.csv").read_bytes()
 
 
+def test_stall_of_the_program_replays_as_it_was(tmp_path: Path) -> None:
+    with live(tmp_path, "--record", "r.log", "--output", "live.csv") as process:
+        wait_for(lambda: seconds_recorded(tmp_path / "r.log") > 2)
+        os.kill(process.pid, signal.SIGSTOP)
+        goes_on_at = time.monotonic() + 3
+        wait_for(lambda: time.monotonic() > goes_on_at)
+        os.kill(process.pid, signal.SIGCONT)
+        wait_for(lambda: seconds_recorded(tmp_path / "r.log") > 7)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(10) == 0
+    assert run(tmp_path, "--replay", "r.log", "--output", "replay.csv").returncode == 0
+    assert (tmp_path / "live.csv").read_bytes() == (tmp_path / "replay.csv").read_bytes()
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=str)
 def test_signal_ends_everything_and_keeps_the_files(tmp_path: Path, number: signal.Signals) -> None:
     with live(tmp_path, "--record", "r.log", "--output", "live.csv") as process:

@@ -32,11 +32,6 @@ SQUARE_TOLERANCE = {"kinematic": 2e-8, "kinematic-paper": 1e-7}
 
 REMADE_TOLERANCE = 1e-9
 
-#: Covariances and chi-squares of the filters: a curve's freedom beside a gyro's noise is a condition of 1e7, costing
-#: so many digits. The paper's own filter, which takes the old epoch for a constant, drives its covariance towards
-#: singular, and there the state loses them too.
-SQUARE_TOLERANCE = {"kinematic": 2e-8, "kinematic-paper": 1e-7}
-
 EXACT = ("mode", "used", "refused", "degrees", "circle")
 
 

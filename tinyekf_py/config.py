@@ -88,6 +88,7 @@ class SensorConfig:
     )
     driver: str
     baud: int
+    latency_ms: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,6 +102,13 @@ class GpsConfig(SensorConfig):
         9600, "Speed of a serial port; 9600 is u-blox's own, and a receiver's USB port ignores it.", _baud, unit="baud"
     )
     checksum: bool = key(True, "Whether a sentence without a checksum is dropped.", boolean, shapes_result=True)
+    latency_ms: float = key(
+        120.0,
+        "How long after the moment measured its lines arrive; only method adaptive uses it.",
+        number(0, 900),
+        unit="milliseconds",
+        shapes_result=True,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,6 +125,13 @@ class CompassConfig(SensorConfig):
         "Deviation A + B sin z + C cos z + D sin 2z + E cos 2z at compass heading z, as [A, B, C, D, E].",
         numbers("ABCDE", -180, 180),
         unit="degrees, east positive",
+        shapes_result=True,
+    )
+    latency_ms: float = key(
+        50.0,
+        "How long after the moment measured its lines arrive; only method adaptive uses it.",
+        number(0, 900),
+        unit="milliseconds",
         shapes_result=True,
     )
 
@@ -147,6 +162,13 @@ class ImuConfig(SensorConfig):
         choice("gravity", "specific-force"),
         shapes_result=True,
     )
+    latency_ms: float = key(
+        0.0,
+        "How long after the moment measured its lines arrive; only method adaptive uses it.",
+        number(0, 900),
+        unit="milliseconds",
+        shapes_result=True,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,8 +185,8 @@ class FusionConfig:
     """How the sensors become one heading."""
 
     method: str = key(
-        "cnw3",
-        "cnw-ekf (one filter), cnw3 (one per receiver, weighed), ekf-ci (covariance intersection) or adaptive (ours).",
+        "adaptive",
+        "adaptive (ours), or the papers' cnw-ekf (one filter), cnw3 (one a receiver, weighed), ekf-ci (intersected).",
         choice(*METHODS),
         shapes_result=True,
     )

@@ -7,7 +7,7 @@ The live program, the replay and a notebook all feed the same object: what a liv
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
@@ -59,7 +59,7 @@ class HeadingFusion:
 
     def __init__(
         self,
-        method: str = "cnw3",
+        method: str = "adaptive",
         *,
         n_gps: int | None = None,
         sources: Sequence[str] = ("gps1", "gps2", "gps3", "compass", "imu"),
@@ -71,12 +71,14 @@ class HeadingFusion:
         ekf_gps: int = 1,
         q: Sequence[float] = PAPER_Q,
         r: Sequence[float] = PAPER_R,
+        latency_ms: Mapping[str, float] | None = None,
     ) -> None:
         """`sources` are the sensors aboard; `n_gps` = N is short for gps1 to gpsN in their place.
 
         `variation_deg`: degrees, east positive, or "auto" (World Magnetic Model, else the sentences').
         `deviation_deg`: A to E of the compass. `mount_deg`: roll, pitch, yaw of the rotation that turns the IMU's
         axes into the boat's. `accel`: "gravity" or "specific-force". `ekf_gps`: whose filter `cnw-ekf` runs.
+        `latency_ms`: by source, from the moment measured to the stamp, where it is not the usual (`adaptive` alone).
         `q` (per second), `r`: noise of the papers' filters, [north m^2, east m^2, heading degrees^2].
         ValueError for what is unknown or out of range.
         """
@@ -110,6 +112,8 @@ class HeadingFusion:
         settings.mount = rotation(mount_deg)
         settings.specific_force = accel == "specific-force"
         settings.max_sigma = math.radians(max_sigma_deg)
+        for source, latency in (latency_ms or {}).items():
+            settings.adaptive.latency_s[SOURCES[source]] = latency * 1e-3
         self._fusion = ffi.new("fusion_t *")
         if lib.fusion_init(self._fusion, settings) != lib.EKF_ACCEPTED:
             raise ValueError("a number among the fusion's options is not finite or out of range")
@@ -249,6 +253,7 @@ def fusion_of(config: Config) -> HeadingFusion:
         ekf_gps=config.fusion.cnw_ekf.gps,
         q=config.fusion.q,
         r=config.fusion.r,
+        latency_ms={name: config.sensors[name].latency_ms for name in config.sources},
     )
 
 

@@ -61,7 +61,7 @@ def test_the_default_boat_has_five_sensors() -> None:
     assert [config.sensors[name].port for name in config.sources] == [
         "/dev/fjGPS1", "/dev/fjGPS2", "/dev/fjGPS3", "/dev/fjEC", "/dev/fjIMU",
     ]  # fmt: skip
-    assert config.fusion.method == "cnw3"
+    assert config.fusion.method == "adaptive"
     assert config.vessel.variation_deg == "auto"
 
 
@@ -142,6 +142,8 @@ def test_every_sensor_gets_its_decoder() -> None:
         ("sensors.gps1 = 3", "sensors.gps1 must be a table"),
         ("fusion.cnw-ekf = 3", "fusion.cnw-ekf must be a table"),
         ("fusion.method = {a = 1}", "fusion.method = a table must be one of"),
+        ('[outputs]\ncsv = "a\\u0000"', "must not hold a NUL"),
+        ('[sensors.gps1]\nport = "a\\u0000"', "must not hold a NUL"),
         ("[outputs]\ncsv = 3", "outputs.csv = 3 must be a text"),
         ("[fusion]\nmethod='cnw-ekf'\n[fusion.cnw-ekf]\ngps = 5", "fusion.cnw-ekf.gps = 5 is not an enabled receiver"),
         ("[fusion\n", "is not TOML"),

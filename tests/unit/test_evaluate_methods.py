@@ -68,7 +68,7 @@ def test_events_of_a_recording_are_obeyed(tour: tuple[Path, Decoded, Truth], tmp
     assert np.isfinite(outcome.heading_deg[(outcome.t_s > 1.0) & (outcome.t_s < 60.0)]).all()
     assert np.isnan(outcome.heading_deg[outcome.t_s > 61.1]).all()
     fused = run_method(decode(stopped), "cnw3")
-    np.testing.assert_array_equal(fused.heading_deg, replay(stopped)["heading_deg"])
+    np.testing.assert_array_equal(fused.heading_deg, replay(stopped, method="cnw3")["heading_deg"])
 
 
 def test_the_compass_alone_has_its_deviation_until_that_is_configured(sail: Sail) -> None:

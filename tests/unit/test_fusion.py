@@ -198,7 +198,7 @@ def test_samples_of_one_read_share_the_interval_before_them() -> None:
 
 
 def test_stopping_tasks_means_what_the_table_says() -> None:
-    fusion = HeadingFusion()
+    fusion = HeadingFusion("cnw3")
     rows_of(fusion, boat(10, heading_deg=30.0, hdop=3.0))
     fusion.set_task(10_000_000, "cnw-s1", False)
     assert rows_of(fusion, boat(2, heading_deg=30.0, start_s=10))[-1].weights == (1, 1, 1)
@@ -225,7 +225,7 @@ def test_stopping_tasks_means_what_the_table_says() -> None:
 
 
 def test_mount_turns_the_imu_into_the_boat() -> None:
-    upside_down = HeadingFusion(sources=("compass", "imu"), mount_deg=(180, 0, 0))
+    upside_down = HeadingFusion("cnw3", sources=("compass", "imu"), mount_deg=(180, 0, 0))
     samples = [CompassSample(0, COMPASS, 1, 0.0)]
     turning = [ImuSample(t * 10_000, IMU, 0, 0, 0, 0, 0, 0, -6.0, 0, 0, -1) for t in range(1, 101)]
     upside_down.feed_records(b"".join(s.pack() for s in (*samples, *turning)))

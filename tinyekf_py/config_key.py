@@ -54,13 +54,15 @@ def boolean(value: object) -> bool:
 def text(value: object) -> str:
     if not isinstance(value, str):
         raise ValueError("must be a text in quotes")
+    if "\0" in value:  # which no path and no address can hold
+        raise ValueError("must not hold a NUL character")
     return value
 
 
 def nonempty_text(value: object) -> str:
     if not isinstance(value, str) or not value.strip():
         raise ValueError("must be a text in quotes, and not empty")
-    return value
+    return text(value)
 
 
 def integer(lowest: int, highest: int) -> Check:

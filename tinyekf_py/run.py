@@ -69,6 +69,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return complain("run", error)
     except BrokenPipeError:  # whoever read our output has gone
         return 1
+    except KeyboardInterrupt:  # in a replay; the live program ends as if it had come to its end
+        return 1
 
 
 def _check(parser: OneLineParser, options: argparse.Namespace) -> None:

@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 import tty
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -39,9 +39,11 @@ class Cable:
 
     def __init__(self, link: Path) -> None:
         self.link = link
+        self.mode = 0o620
         self.lock = threading.Lock()
         self.mangle: Mangle | None = None
         self.master = -1
+        self.sent = 0  # lines that went out while it was plugged in
         self.held: list[int] = []  # ptys kept open so that the next one gets another name
         self.plug()
 
@@ -51,6 +53,7 @@ class Cable:
             self.master, slave = os.openpty()
             tty.setraw(slave)
             os.set_blocking(self.master, False)
+            os.fchmod(slave, self.mode)
             self.link.unlink(missing_ok=True)
             self.link.symlink_to(os.ttyname(slave))
             os.close(slave)
@@ -73,6 +76,7 @@ class Cable:
             sent = line + b"\r\n" if self.mangle is None else self.mangle(line)
             if self.master >= 0 and sent:
                 self.write(sent)
+                self.sent += sent.count(b"\n")
 
     def write(self, chunk: bytes) -> None:
         """Send bytes as they are; what a reader that sleeps leaves no room for is lost, as on a wire."""
@@ -119,18 +123,24 @@ class Program:
     """The live program on a boat, recording and writing its heading CSV."""
 
     def __init__(
-        self, folder: Path, boat: Boat, *options: str, config: str = "", env: Mapping[str, str] | None = None
+        self,
+        folder: Path,
+        boat: Boat,
+        *options: str,
+        config: str = "",
+        env: Mapping[str, str] | None = None,
+        wrapper: Sequence[str] = (),
     ) -> None:
         self.folder = folder
         self.recording, self.csv, self.log = folder / "run.rec", folder / "run.csv", folder / "run.log"
         self.config = folder / "tinyekf.toml"
         self.config.write_text(
-            "".join(f'[sensors.{name}]\nport = "{cable.link}"\n' for name, cable in boat.cables.items())
-            + "[vessel]\nvariation_deg = -8.5\n"
-            + config
+            "".join(f'[sensors.{name}]\nport = "{cable.link}"\n' for name, cable in boat.cables.items()) + config
         )
-        command = [sys.executable, "-m", "tinyekf_py.run", "--config", str(self.config)]
-        if "--record" not in options:
+        command = [*wrapper, sys.executable, "-m", "tinyekf_py.run", "--config", str(self.config)]
+        if "--record" in options:
+            self.recording = Path(options[options.index("--record") + 1])
+        else:
             command += ["--record", str(self.recording)]
         command += ["--output", str(self.csv), *options]
         self.environment = {**os.environ, "XDG_RUNTIME_DIR": str(folder), "PYTHONPATH": str(ROOT), **(env or {})}

@@ -1,0 +1,158 @@
+"""Devices that flood, garble, stop in the middle of a sentence, or tell a wrong time: one program lives through it."""
+
+from __future__ import annotations
+
+import os
+import random
+import threading
+import time
+from datetime import datetime, timedelta
+from typing import Any
+
+import pytest
+
+GPS = ("gps1", "gps2", "gps3")
+SLACK_S = 1.0
+
+
+def after(seconds: float) -> Any:
+    """Holds once some time has passed: for faults that nobody is to notice."""
+    end: list[float] = []
+
+    def passed(_status: dict[str, Any]) -> bool:
+        end.append(time.monotonic() + seconds)
+        return time.monotonic() >= end[0]
+
+    return passed
+
+
+def set_mangle(life: Any, names: tuple[str, ...], mangle: Any) -> None:
+    for name in names:
+        life.boat.cables[name].mangle = mangle
+
+
+def test_a_megabyte_a_second_of_noise_on_a_gps_port(life: Any) -> None:
+    cable, ended = life.boat.cables["gps2"], threading.Event()
+    noise = random.Random(1).randbytes(10_000)
+
+    def make_noise() -> None:
+        while not ended.wait(0.01):
+            with cable.lock:
+                cable.write(noise)
+
+    thread = threading.Thread(target=make_noise)
+
+    def end() -> None:
+        ended.set()
+        thread.join()
+
+    life.row(
+        "1 MB/s of noise on gps2",
+        thread.start,
+        lambda s: s["mode"] == "degraded" and sum(s["sensors"]["gps2"]["dropped"].values()) > 0,
+        end,
+        broken=("gps2",),
+    )
+
+
+def test_nmea_at_1000_hz(life: Any) -> None:
+    life.row(
+        "compass at 1000 Hz for 3 s",
+        lambda: set_mangle(life, ("compass",), lambda line: (line + b"\r\n") * 50),
+        after(3.0),
+        lambda: set_mangle(life, ("compass",), None),
+    )
+
+
+def test_bytes_as_at_a_wrong_baud_rate(life: Any) -> None:
+    garbage = random.Random(2)
+    life.row(
+        "gps3 garbled as by a wrong baud rate",
+        lambda: set_mangle(life, ("gps3",), lambda line: garbage.randbytes(len(line))),
+        lambda s: s["mode"] != "ok",
+        lambda: set_mangle(life, ("gps3",), None),
+        broken=("gps3",),
+    )
+
+
+def test_half_a_sentence_and_then_silence_past_the_reopening(life: Any) -> None:
+    cable = life.boat.cables["gps1"]
+    halves = iter([b"$GPGGA,0300"])
+
+    def half(_line: bytes) -> bytes | None:
+        return next(halves, None)
+
+    opens = []
+
+    def reopened(status: dict[str, Any]) -> bool:
+        opens.append(time.monotonic())
+        return status["sensors"]["gps1"]["port_state"] == "stale" and opens[-1] - opens[0] > 6.0
+
+    life.row(
+        "gps1: half a sentence, then 6 s of silence",
+        lambda: setattr(cable, "mangle", half),
+        reopened,
+        lambda: setattr(cable, "mangle", None),
+        broken=("gps1",),
+    )
+
+
+def shifted(line: bytes, by: timedelta) -> bytes:
+    """A sentence with its UTC moved."""
+    fields = line[1:].partition(b"*")[0].decode().split(",")
+    kind = fields[0][2:]
+    if kind in ("GGA", "RMC", "GLL") and fields[1]:
+        date = fields[9] if kind == "RMC" else "010126"
+        when = datetime.strptime(date + fields[1][:6], "%d%m%y%H%M%S") + by
+        fields[1] = when.strftime("%H%M%S") + fields[1][6:]
+        if kind == "RMC":
+            fields[9] = when.strftime("%d%m%y")
+    body = ",".join(fields).encode()
+    checksum = 0
+    for octet in body:
+        checksum ^= octet
+    return b"$%b*%02X" % (body, checksum)
+
+
+@pytest.mark.parametrize(("what", "by"), [("back 1 h", timedelta(hours=-1)), ("on 20 years", timedelta(days=7305))])
+def test_gps_time_jumps(life: Any, what: str, by: timedelta) -> None:
+    row = life.row(
+        f"GPS time jumps {what} for 3 s, and back",
+        lambda: set_mangle(life, GPS, lambda line: shifted(line, by) + b"\r\n"),
+        after(3.0),
+        lambda: set_mangle(life, GPS, None),
+    )
+    assert row.whole_s <= 2.0 + SLACK_S
+
+
+@pytest.mark.parametrize("name", ["compass", "imu"])
+def test_a_sensor_sticks_at_one_value(life: Any, name: str) -> None:
+    cable = life.boat.cables[name]
+    stuck: list[bytes] = []
+
+    def same(line: bytes) -> bytes:
+        stuck.append(line)
+        return stuck[0] + b"\r\n"
+
+    life.row(
+        f"{name} stuck at one value for 5 s",
+        lambda: setattr(cable, "mangle", same),
+        after(5.0),
+        lambda: setattr(cable, "mangle", None),
+    )
+
+
+def test_the_configuration_file_vanishes(life: Any) -> None:
+    cable = life.boat.cables["gps1"]
+
+    def lose() -> None:
+        os.unlink(life.live.config)
+        cable.unplug()
+
+    life.row(
+        "configuration file removed, gps1 replugged",
+        lose,
+        lambda s: s["sensors"]["gps1"]["port_state"] == "absent" and s["mode"] != "ok",
+        cable.plug,
+        broken=("gps1",),
+    )

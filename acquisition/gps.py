@@ -44,6 +44,7 @@ _EPOCHS_TO_BELIEVE = 3
 #: A silence longer than this part of the epoch's period separates two bursts.
 _PAUSE = 0.6
 _CACHED_SENTENCES = 64
+_MOST_EARLY = 8
 
 #: What a sentence without a time adds to its epoch: GSA an HDOP, VTG a speed in m/s and a course in degrees.
 _Untimed = float | tuple[float, float]
@@ -94,6 +95,7 @@ class GpsDecoder:
         self._candidate = ""
         self._line_us = 0
         self._period_us = 0
+        self._between = False  # a pause, and no sentence with a time since
         self._early: list[tuple[str, list[str], _Untimed]] = []  # untimed sentences ahead of their epoch
         self._cache: dict[bytes, tuple[str, list[str]]] = {}
         self._dated = False
@@ -112,6 +114,9 @@ class GpsDecoder:
         counts["lines"] += 1
         pause_us = t_us - self._line_us
         self._line_us = t_us
+        if 0 < self._period_us * _PAUSE < pause_us:
+            self._between = True
+            self._early.clear()
         try:
             cached = self._cache.get(line)
             kind, fields = cached if cached is not None else self._read(line)
@@ -120,8 +125,9 @@ class GpsDecoder:
                 samples = self._timed(t_us, kind, fields, read(fields))
             elif kind in ("GSA", "VTG"):
                 value = read_gsa(fields) if kind == "GSA" else read_vtg(fields)
-                if 0 < self._period_us * _PAUSE < pause_us:
-                    self._early.append((kind, fields, value))
+                if self._between:
+                    if len(self._early) < _MOST_EARLY:
+                        self._early.append((kind, fields, value))
                     return ()
                 samples = self._untimed(t_us, kind, fields, value)
             elif kind == "ZDA":
@@ -158,6 +164,7 @@ class GpsDecoder:
     # -- epochs: which sentence belongs to which
 
     def _timed(self, t_us: int, kind: str, fields: list[str], reading: Reading) -> list[GpsSample]:
+        self._between = False
         epoch = self._epoch
         samples: list[GpsSample] = []
         if epoch is None or not _same_time(reading.tod_s, epoch.tod_s) or self._begins_again(epoch, kind, reading):

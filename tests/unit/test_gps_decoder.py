@@ -398,3 +398,23 @@ def test_decoding_is_a_function_of_stamps_and_lines_alone() -> None:
     for i in range(10):
         lines += [gsa(), gga(f"03000{i}.00"), vtg(), rmc(f"03000{i}.00")]
     assert repr(feed(GpsDecoder(2), lines)) == repr(feed(GpsDecoder(2), lines))
+
+
+def test_sentences_without_a_time_ahead_of_their_epoch_go_with_it() -> None:
+    decoder = GpsDecoder(0)
+    samples: list[GpsSample] = []
+    for second in range(8):
+        burst = vtg(course=f"{second}.0"), gsa(f"1.{second}"), gga(f"03000{second}.00")
+        samples += feed(decoder, burst, start_us=second * 1_000_000)
+    for sample in samples[-4:]:
+        second = round(sample.t_us / 1e6)
+        assert sample.utc_s != sample.utc_s or round(sample.utc_s) % 60 == second
+        assert (sample.course_deg, sample.hdop) == (second, 1.0 + second / 10)
+    assert samples[-1].t_us // 1_000_000 == 7
+
+
+def test_sentences_without_a_time_alone_do_not_gather() -> None:
+    decoder, _ = started(gga("030000.00"), vtg(), rhythm=[])
+    feed(decoder, (gga(f"03000{second}.00") for second in range(1, 4)), start_us=1_000_000, step_us=1_000_000)
+    feed(decoder, [vtg()] * 5000, start_us=10_000_000, step_us=1_000_000)
+    assert len(decoder._early) <= 8

@@ -76,8 +76,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _check(parser: OneLineParser, options: argparse.Namespace) -> None:
     if options.replay and (options.simulate or options.record):
         parser.error("--replay goes with neither --simulate nor --record")
-    if options.speed is not None and not (options.replay and options.speed > 0):
-        parser.error("--speed takes a number above 0, with --replay")
+    if options.speed is not None and not (options.replay and options.speed >= 0.001):
+        parser.error("--speed takes a number of at least 0.001, with --replay")
     if not options.simulate and (options.scenario is not None or options.seed is not None):
         parser.error("--scenario and --seed go with --simulate")
     if options.replay and options.output is None and options.speed is None:

@@ -212,6 +212,7 @@ def test_printed_configuration_is_a_configuration(tmp_path: Path) -> None:
         (["--simulate", "--replay", "good.log"], "--replay goes with neither"),
         (["--duration", "-3", "--simulate"], "seconds above 0"),
         (["--sumulate"], "--sumulate"),
+        (["--replay", "good.log", "--speed", "1e-300"], "at least 0.001"),
         (["--simulate", "--record", "no/folder.log"], "no/folder.log: No such file"),
         (["--simulate", "--record", "/"], "cannot record to /: Is a directory"),
         (["--replay", "good.log", "--output", "./good.log"], "good.log would overwrite the recording"),

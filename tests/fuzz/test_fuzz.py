@@ -42,7 +42,10 @@ def test_no_samples_break_the_core(tmp_path: Path) -> None:
     if shutil.which("clang") is None:
         lacking("clang")
     program = tmp_path / "fusion"
-    flags = ["-g", "-O1", "-std=c11", "-fsanitize=fuzzer,address,undefined", "-fno-sanitize-recover=all"]
-    sources = [str(Path(__file__).with_name("fuzz_fusion.c")), *map(str, sorted((ROOT / "csrc").glob("*.c")))]
+    # Not all of UBSan: on the filter's unrolled loops it costs minutes of compiling (test-c runs these under it).
+    checks = "fuzzer,address,bounds,shift,signed-integer-overflow"
+    flags = ["-O1", "-std=c11", f"-fsanitize={checks}", "-fno-sanitize-recover=all"]
+    core = [path for path in sorted((ROOT / "csrc").glob("*.c")) if not path.name.startswith(("vehicle", "lsa"))]
+    sources = [str(Path(__file__).with_name("fuzz_fusion.c")), *map(str, core)]
     subprocess.run(["clang", *flags, f"-I{ROOT / 'csrc'}", *sources, "-lm", "-o", program], check=True, timeout=300)
     fuzz(tmp_path, [str(program)], "core")

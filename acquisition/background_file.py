@@ -90,7 +90,7 @@ class BackgroundFile(Generic[Entry]):
         self._fd = _create(self.path)
         self._on_disk = stat.S_ISREG(os.fstat(self._fd).st_mode)  # a pipe or /dev/null cannot be synced
         if rotation.max_bytes or rotation.max_s:
-            for old in _pieces_of(self.path):  # of an earlier run: the file that they continue is replaced
+            for old in pieces_of(self.path):  # of an earlier run: the file that they continue is replaced
                 old.unlink(missing_ok=True)
         try:
             self._append(header)
@@ -235,7 +235,9 @@ def _create(path: Path) -> int:
     return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
 
 
-def _pieces_of(path: Path) -> list[Path]:
-    """The further pieces of the file `path`, as they are named."""
+def pieces_of(path: Path) -> list[Path]:
+    """The further pieces of the file `path`, as they are named; none where there is no such folder."""
+    if not path.parent.is_dir():
+        return []
     name = re.compile(re.escape(path.stem) + r"\.\d{4,}" + re.escape(path.suffix))
     return [other for other in path.parent.iterdir() if name.fullmatch(other.name)]

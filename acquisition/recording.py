@@ -16,6 +16,7 @@ the pieces of a rotated set, with `read_recording`. Reading drops what is damage
 from __future__ import annotations
 
 import gzip
+import logging
 import re
 import statistics
 import tomllib
@@ -27,7 +28,7 @@ from io import BufferedReader
 from pathlib import Path
 from typing import NamedTuple
 
-from acquisition.background_file import ONE_PIECE, BackgroundFile, Rotation
+from acquisition.background_file import ONE_PIECE, BackgroundFile, Rotation, pieces_of
 from acquisition.sample import SOURCES
 from acquisition.toml_value import toml_value
 
@@ -35,7 +36,8 @@ MAGIC = b"#tinyekf-recording "
 VERSION = 1
 EVENT_VERBS = ("start", "stop", "restart")
 MAX_LINE = 1024  # bytes of a device's line
-MAX_JUMP_US = 86_400_000_000
+MAX_JUMP_US = 60_000_000  # ahead, believed at once
+DAY_US = 86_400_000_000
 
 _MAX_TEXT = 4 * MAX_LINE + 64  # bytes of a recorded line: each byte escaped, and the stamp and source before it
 _CHUNK = 1 << 18
@@ -43,6 +45,8 @@ _BEGINNING_LINES = 500  # read for the header and the first stamps
 _GZIP_MAGIC = b"\x1f\x8b"
 _NOT_PLAIN = re.compile(rb"[^\x20-\x5b\x5d-\x7e]")
 _SOURCE_OF = {name.encode(): name for name in SOURCES}
+
+_log = logging.getLogger(__name__)
 
 
 class RecordingError(ValueError):
@@ -95,7 +99,9 @@ def parse_seconds(text: bytes) -> int:
 class RecordingWriter:
     """Writes a recording without ever making its caller wait or fail (`background_file` says how).
 
-    An existing file is replaced. `config` are the flat keys that shape the result, as `#config` lines.
+    An earlier recording of that name is set aside under its start, `today.20261124T030000Z.log`; any other file with
+    something in it is a RecordingError, and left alone. `config` are the flat keys that shape the result, as
+    `#config` lines.
     """
 
     def __init__(
@@ -126,6 +132,7 @@ class RecordingWriter:
             return text + f"#config tasks.stopped={toml_value(list(stopped))}\n".encode()
 
         try:
+            _set_aside(Path(path))
             self._file = BackgroundFile(path, text, render, rotation=rotation, continued=continued, gap=_gap)
         except OSError as error:
             raise RecordingError(f"cannot record to {path}: {error.strerror}") from error
@@ -164,6 +171,27 @@ class RecordingWriter:
 _Entry = tuple[int, str, bytes] | tuple[int, str, str]
 
 
+def _set_aside(path: Path) -> None:
+    """Rename an earlier recording at `path`, and what is left of its pieces: a restart must not cost a voyage."""
+    if path.exists() and not path.is_file():
+        return  # a device or a pipe
+    old = [piece for piece in (path, *pieces_of(path)) if piece.is_file() and piece.stat().st_size > 0]
+    if not old:
+        return
+    try:
+        started = read_recording(old).start_utc or datetime.fromtimestamp(old[0].stat().st_mtime, UTC)
+    except RecordingError as error:
+        raise RecordingError(f"cannot record to {path}: what is there is no recording; give another name") from error
+    name = stem = f"{path.stem}.{started:%Y%m%dT%H%M%SZ}"
+    number = 1
+    while path.with_name(name + path.suffix).exists():
+        number += 1
+        name = f"{stem}-{number}"
+    for piece in old:
+        piece.rename(piece.with_name(name + piece.name.removeprefix(path.stem)))
+    _log.info("the earlier recording %s is now %s", path, name + path.suffix)
+
+
 def _gap(lost: int, why: str) -> bytes:
     return f"# {lost} entries are missing here: {why}\n".encode()
 
@@ -191,8 +219,8 @@ class RecordingReader:
     """Iterates the `Line` and `Event` entries of a recording, from the start each time it is iterated.
 
     `dropped` counts what was left out, by reason: "cut last line", "malformed", "unknown source", "backwards" (over
-    a day before the beginning), "forward jump" (of more than a day), "damaged gzip" (the rest of that file). A replay
-    adds "unknown task". Smaller steps back are kept: after a stall of the live program the lines of one device stand
+    a day before the beginning), "forward jump" (of more than a minute, alone), "damaged gzip" (the rest of that
+    file). A replay adds "unknown task". Smaller steps back are kept: after a stall of the live program the lines of one device stand
     behind later ones of another, and what is too old among them the fusion refuses, live and replayed.
     """
 
@@ -220,10 +248,9 @@ class RecordingReader:
     def __iter__(self) -> Iterator[Line | Event]:
         self.dropped.clear()
         self.bytes_read = 0
-        # Until a line is accepted, it must lie within a day of what the first lines agree on: one damaged stamp at the
-        # very beginning must not condemn all that follow it.
-        middle_us = self._pieces[0].first_us
-        lowest, highest, latest = middle_us - MAX_JUMP_US, middle_us + MAX_JUMP_US, -1
+        # A stamp far ahead is believed when the next one is there too: a silence, not a damaged digit.
+        latest, limit, lowest = -1, MAX_JUMP_US, self._pieces[0].first_us - DAY_US
+        held: Line | Event | None = None
         source_of, new_line, dropped = _SOURCE_OF, tuple.__new__, self.dropped
         for text in self._texts():
             # Runs for every line of hours of recording: the good line takes the shortest way.
@@ -252,16 +279,28 @@ class RecordingReader:
                     dropped["unknown source" if source is None else "malformed"] += 1
                     continue
                 entry = new_line(Line, (t_us, source, line))
-            if t_us > latest:
-                if t_us > highest:
-                    dropped["forward jump"] += 1
-                    continue
-                if t_us >= lowest:
-                    latest, highest = t_us, t_us + MAX_JUMP_US
             if t_us < lowest:
                 dropped["backwards"] += 1
                 continue
+            if held is not None:
+                if t_us >= held[0] - MAX_JUMP_US:
+                    latest = held[0]
+                    limit = latest + MAX_JUMP_US
+                    yield held
+                else:
+                    dropped["forward jump"] += 1
+                held = None
+            if t_us > latest:
+                if t_us > limit:
+                    held = entry
+                    continue
+                latest, limit = t_us, t_us + MAX_JUMP_US
             yield entry
+        if held is not None:  # nothing came after it to tell
+            if held[0] <= latest + DAY_US:
+                yield held
+            else:
+                dropped["forward jump"] += 1
 
     def _texts(self) -> Iterator[bytes]:
         for piece in self._pieces:

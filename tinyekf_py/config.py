@@ -223,7 +223,7 @@ class TasksConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutputsConfig:
-    """Files that a live run writes; an old file of that name is replaced."""
+    """Files that a live run writes; an old heading CSV is replaced, an old recording set aside."""
 
     csv: str = key("", "The heading CSV, ten rows a second; empty for none.", text)
     recording: str = key("", "The recording of every line received, for replays; empty for none.", text)

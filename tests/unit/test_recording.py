@@ -206,6 +206,7 @@ def test_a_cut_last_line_is_dropped_and_counted(tmp_path: Path) -> None:
         (b"#event 0.2 stop", "malformed"),
         (b"#event \xff stop gps1", "malformed"),
         (b"0.2 radar *1", "unknown source"),
+        (b"61.0 imu *1", "forward jump"),
         (b"86500.0 imu *1", "forward jump"),
         (b"#event 99999999.0 stop imu", "forward jump"),
     ],
@@ -220,6 +221,12 @@ def test_steps_back_are_the_fusions_affair(tmp_path: Path) -> None:
     reader = read_recording(write(tmp_path / "r.log", b"50.0 imu *", b"49.0 gps1 $", b"3.999999 gps1 $", b"50.1 imu *"))
     assert [entry.t_us for entry in reader] == [50_000_000, 49_000_000, 3_999_999, 50_100_000]
     assert not reader.dropped
+
+
+def test_a_long_silence_is_no_damage(tmp_path: Path) -> None:
+    seconds = [*range(9), 90_000, 90_001, 300_000, 300_001]
+    path = write(tmp_path / "r.log", *(b"%d.0 imu *" % second for second in seconds))
+    assert stamps(path) == seconds
 
 
 @pytest.mark.parametrize("damaged", [b"0.000001 imu *", b"999999999.0 imu *"])
@@ -321,8 +328,27 @@ def test_old_pieces_are_removed_and_the_rest_does_without_them(tmp_path: Path) -
     assert list(reader)[-1] == Line(590_000, "imu", b"*1.0,2.0,59")
 
 
-def test_a_new_recording_replaces_all_pieces_of_an_older_one_and_nothing_else(tmp_path: Path) -> None:
-    for name in ("r.rec", "r.0001.rec", "r.0042.rec", "r.old.rec", "other.0001.rec"):
-        (tmp_path / name).write_text("old")
+def test_a_new_recording_sets_the_earlier_one_aside_with_its_pieces(tmp_path: Path) -> None:
+    for name in ("r.rec", "r.0001.rec", "r.0042.rec"):
+        write(tmp_path / name, b"0.1 imu *1,2,3\n")
+    for name in ("r.old.rec", "other.0001.rec"):
+        (tmp_path / name).write_text("somebody else's")
     RecordingWriter(tmp_path / "r.rec", START, {}, Rotation(1000)).close()
-    assert {path.name for path in tmp_path.iterdir()} == {"r.rec", "r.old.rec", "other.0001.rec"}
+    RecordingWriter(tmp_path / "r.rec", START, {}, Rotation(1000)).close()
+    aside = f"r.{START:%Y%m%dT%H%M%SZ}"
+    pieces = {f"{aside}.rec", f"{aside}.0001.rec", f"{aside}.0042.rec"}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "r.rec",
+        f"{aside}-2.rec",
+        *pieces,
+        "r.old.rec",
+        "other.0001.rec",
+    }
+    assert len(list(read_recording([tmp_path / name for name in pieces]))) == 3
+
+
+def test_a_recording_never_replaces_a_file_of_another_kind(tmp_path: Path) -> None:
+    (tmp_path / "boat.toml").write_text("[fusion]\n")
+    with pytest.raises(RecordingError, match="what is there is no recording"):
+        RecordingWriter(tmp_path / "boat.toml", START, {})
+    assert (tmp_path / "boat.toml").read_text() == "[fusion]\n"

@@ -220,8 +220,9 @@ class RecordingReader:
 
     `dropped` counts what was left out, by reason: "cut last line", "malformed", "unknown source", "backwards" (over
     a day before the beginning), "forward jump" (of more than a minute, alone), "damaged gzip" (the rest of that
-    file). A replay adds "unknown task". Smaller steps back are kept: after a stall of the live program the lines of one device stand
-    behind later ones of another, and what is too old among them the fusion refuses, live and replayed.
+    file). A replay adds "unknown task". Smaller steps back are kept: after a stall of the live program the lines of
+    one device stand behind later ones of another, and what is too old among them the fusion refuses, live and
+    replayed.
     """
 
     def __init__(self, paths: Sequence[str | Path]) -> None:

@@ -212,7 +212,9 @@ class Worker:
             self._logged_drops = total
             self._log_at_us = now_us + LOG_PERIOD_US
             reasons = ", ".join(f"{reason} {n}" for reason, n in sorted(dropped.items()))
-            text = f"dropped so far: {reasons}; last: {self._decoder.last_error or 'none in the decoder'}"
+            text = f"dropped so far: {reasons}"
+            if self._decoder.last_error:
+                text += f"; last: {self._decoder.last_error}"
             self._outbox.add(now_us, LOG, text.encode())
 
     def _all_counts(self, now_us: int) -> Counter[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -26,14 +27,17 @@ class SimulatedDevices:
         if truth is not None:
             command += ["--truth", str(truth), "--start-us", str(start_us)]
         # A session of its own: Ctrl-C in the terminal ends the program, which ends the simulator last.
-        self._process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-        )
-        assert self._process.stdout is not None
-        announcement = self._process.stdout.readline()
-        if not announcement:
-            _, complaint = self._process.communicate()
-            raise SimulationError(complaint.strip() or "the simulator ended before it began")
+        with tempfile.TemporaryFile("w+") as complaints:  # a pipe that nobody empties would stop it one day
+            self._process = subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=complaints, text=True, start_new_session=True
+            )
+            assert self._process.stdout is not None
+            announcement = self._process.stdout.readline()
+            if not announcement:
+                self._process.wait()
+                complaints.seek(0)
+                complaint = complaints.read().strip().removeprefix("tinyekf simulate: ")
+                raise SimulationError(complaint or "the simulator ended before it began")
         self._announced = json.loads(announcement)
 
     def configure(self, config: Config) -> Config:

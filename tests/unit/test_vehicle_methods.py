@@ -12,7 +12,7 @@ from tinyekf_py.vehicle.command import main, run_method
 from tinyekf_py.vehicle.config import VehicleConfig, load_config
 from tinyekf_py.vehicle.drive import hide_gps, read_drive
 from tinyekf_py.vehicle.epoch import Epochs, covariances, empty_epochs, estimate_track
-from tinyekf_py.vehicle.evaluate import Result, evaluate_methods
+from tinyekf_py.vehicle.evaluate import Result, evaluate_methods, mean_nees_bounds
 from tinyekf_py.vehicle.simulate import Grade, simulate_drive, write_drive
 from tinyekf_py.vehicle.track import Truth, read_truth
 
@@ -160,3 +160,8 @@ def test_evaluate_prints_the_tables_and_draws(tmp_path: Path, capsys: pytest.Cap
     assert status == 0
     assert "kinematic-paper  truth" in capsys.readouterr().out
     assert {path.name for path in (tmp_path / "p").iterdir()} == {"trajectory.png", "displacement.png", "velocity.png"}
+
+
+def test_the_bounds_of_a_mean_nees_are_those_of_chi_square() -> None:
+    # Quantiles of chi-square at 2.5 and 97.5 % with 150 degrees of freedom, from tables.
+    assert mean_nees_bounds(50) == pytest.approx((117.985 / 50, 185.800 / 50), rel=1e-3)

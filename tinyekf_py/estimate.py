@@ -1,16 +1,12 @@
 """The estimate: what fusion says about the boat at one point of its 100 ms grid.
 
-`fusion` makes them, one per grid point; the heading CSV, the console and every other output are made of them. As rows
-of a NumPy structured array (`estimates_to_array`) they have the heading CSV's column names.
+`fusion` makes them, one per grid point; the heading CSV, the console and every other output are made of them. This file
+needs no NumPy, as the output process has none; `estimate_array` makes arrays of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
 NAN = float("nan")
 
@@ -49,27 +45,3 @@ def heading_columns(n_gps: int) -> tuple[str, ...]:
         "gpsec_deg",
         *(f"ekf{number}_deg" for number in numbers),
     )
-
-
-def estimate_dtype(n_gps: int) -> np.dtype[Any]:
-    """The structured dtype of estimates: float64 for every column of `heading_columns`, text for the two modes."""
-    return np.dtype([(name, "U14" if name in ("mode", "pos_mode") else "f8") for name in heading_columns(n_gps)])
-
-
-def estimates_to_array(estimates: Iterable[Estimate], n_gps: int) -> NDArray[np.void]:
-    """Estimates as an array of shape (number of estimates,) and dtype `estimate_dtype(n_gps)`."""
-    width = max(n_gps, MIN_GPS_COLUMNS)
-    blank = (NAN,) * width
-
-    def row(estimate: Estimate) -> tuple[float | str, ...]:
-        return (
-            estimate.t_us / 1e6,
-            *(estimate.heading_deg, estimate.heading_sigma_deg, estimate.rate_of_turn_dps),
-            *(estimate.lat_deg, estimate.lon_deg, estimate.mode, estimate.pos_mode),
-            *(estimate.weights + blank)[:width],
-            *(estimate.faz_deg + blank)[:width],
-            estimate.gpsec_deg,
-            *(estimate.ekf_deg + blank)[:width],
-        )
-
-    return np.array([row(estimate) for estimate in estimates], dtype=estimate_dtype(n_gps))

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from acquisition.sample import COMPASS, IMU, MAX_GPS, SAMPLE_SIZE, SOURCES, Sample
 from tinyekf_py._core import ffi, lib
 from tinyekf_py.config import PAPER_Q, PAPER_R, CompassConfig, Config, ImuConfig
-from tinyekf_py.estimate import Estimate, estimates_to_array
+from tinyekf_py.estimate import Estimate
+from tinyekf_py.estimate_array import estimates_to_array
 from tinyekf_py.variation import VariationError, variation_deg
 
 METHODS = {
@@ -140,7 +141,7 @@ class HeadingFusion:
     def run(self, samples: NDArray[np.void] | bytes) -> NDArray[np.void]:
         """Take many samples (packed, or an array of `sample_dtype`); their grid rows as an array.
 
-        Its columns are those of the heading CSV (`estimate.estimate_dtype`).
+        Its columns are those of the heading CSV (`estimate_array.estimate_dtype`).
         """
         records = samples if isinstance(samples, bytes) else samples.tobytes()
         return estimates_to_array(self.feed_records(records), self.n_gps)

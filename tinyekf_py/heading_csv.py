@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquisition.background_file import BackgroundFile
-from tinyekf_py.estimate import MIN_GPS_COLUMNS, MODES, POSITION_MODES, Estimate, estimate_dtype, heading_columns
+from tinyekf_py.estimate import MIN_GPS_COLUMNS, MODES, POSITION_MODES, Estimate, heading_columns
+from tinyekf_py.estimate_array import estimate_dtype
 
 _BATCH = 1000
 

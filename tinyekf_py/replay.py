@@ -18,7 +18,8 @@ from acquisition.decoder import Decoder, make_decoder
 from acquisition.recording import Event, Line, RecordingReader, read_recording
 from acquisition.sample import SOURCES
 from tinyekf_py.config import Config, apply_flat
-from tinyekf_py.estimate import Estimate, estimates_to_array
+from tinyekf_py.estimate import Estimate
+from tinyekf_py.estimate_array import estimates_to_array
 from tinyekf_py.fusion import STAGES, HeadingFusion, fusion_of
 from tinyekf_py.tasks import Tasks, task_names
 

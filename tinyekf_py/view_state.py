@@ -1,9 +1,14 @@
-"""What a person watching the program is shown: the live program fills it, the console draws it."""
+"""What a person watching the program is shown: the live program fills it, the console, the web page and all other
+outputs are made of it.
+
+Named tuples all the way down, so that the whole of it goes to the output process as one line of JSON
+(`outputs.frame`).
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import isfinite
+from typing import NamedTuple
 
 from tinyekf_py.estimate import Estimate
 
@@ -20,8 +25,7 @@ FIX_WORDS = {
 WEIGHT_WORDS = {0: "bad", 1: "good", 2: "excellent", 3: "ideal"}
 
 
-@dataclass(frozen=True, slots=True)
-class SensorRow:
+class SensorRow(NamedTuple):
     """One sensor as it is now."""
 
     name: str  #: as in `acquisition.sample.SOURCES`
@@ -33,10 +37,17 @@ class SensorRow:
     weight: float = NAN  #: GPS: of stage 1, 0 to 3
     errors: int = 0  #: lines dropped since the start
     last_error: str = ""  #: one line
+    heading_deg: float = NAN  #: of this sensor alone, true, [0, 360): a GPS's course, the corrected compass
+    heading_sigma_deg: float = NAN  #: its standard deviation as the fusion weighs it
+    port_text: str = ""  #: why the port is in its state
+    restarts: int = 0  #: of its worker
+    lines: int = 0  #: received since the start
+    samples: int = 0  #: made of them
+    down_s: float = 0.0  #: time without data since the start
+    dropped: tuple[tuple[str, int], ...] = ()  #: (reason, count) since the start
 
 
-@dataclass(frozen=True, slots=True)
-class TaskRow:
+class TaskRow(NamedTuple):
     """One task as it is now."""
 
     key: str  #: that starts and stops it
@@ -44,8 +55,23 @@ class TaskRow:
     running: bool
 
 
-@dataclass(frozen=True, slots=True)
-class ViewState:
+class Navigation(NamedTuple):
+    """What a navigator is told beside the heading; NaN or -1 where it is not known now."""
+
+    utc_s: float = NAN  #: of the newest fix, seconds since 1970-01-01 UTC
+    sog_mps: float = NAN  #: speed over ground
+    cog_deg: float = NAN  #: course over ground, true, [0, 360); never a heading
+    altitude_m: float = NAN  #: above mean sea level
+    fix_quality: int = -1  #: the best receiver's, as GGA's
+    satellites: int = -1  #: used by that receiver
+    hdop: float = NAN  #: of that receiver
+    roll_deg: float = NAN  #: starboard down positive
+    pitch_deg: float = NAN  #: bow up positive
+    variation_deg: float = NAN  #: in use, east positive
+    deviation_deg: float = NAN  #: of the compass at its present heading, as applied, east positive
+
+
+class ViewState(NamedTuple):
     """Everything on the screen."""
 
     estimate: Estimate | None
@@ -54,9 +80,12 @@ class ViewState:
     elapsed_s: float = 0.0  #: since the start
     method: str = ""
     recording: str = ""  #: path; empty when nothing is recorded
-    simulated: bool = False
+    simulated: bool = False  #: no real boat: simulated devices, or a replay
     notices: tuple[str, ...] = ()  #: one-line messages, the latest last
     tasks: tuple[TaskRow, ...] = ()
+    navigation: Navigation = Navigation()
+    recording_failure: str = ""  #: one line; empty while all is well
+    recording_lost: int = 0  #: lines that could not be recorded
 
 
 def current_estimate(state: ViewState, waited_s: float) -> Estimate:
@@ -105,8 +134,7 @@ def elapsed_text(elapsed_s: float) -> str:
     return f"{hours}:{minutes:02d}:{seconds:02d}"
 
 
-@dataclass(frozen=True, slots=True)
-class SensorWords:
+class SensorWords(NamedTuple):
     """A sensor's row in words; "---" for what is unknown or too old to show, empty for what it cannot have."""
 
     name: str

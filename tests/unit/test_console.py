@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import io
 import os
 import pty
@@ -47,7 +46,7 @@ def test_a_plain_line_says_it_all() -> None:
 
 @pytest.mark.parametrize(("age_s", "waited_s"), [(0.05, 0.96), (1.01, 0.0), (0.05, 60.0), (NAN, 0.0)])
 def test_a_stale_estimate_is_shown_as_absent(age_s: float, waited_s: float) -> None:
-    state = dataclasses.replace(STATE, estimate_age_s=age_s)
+    state = STATE._replace(estimate_age_s=age_s)
     assert "heading --- deg +- ---  turn --- deg/s  position ---  invalid/invalid" in plain_line(state, waited_s)
     screen = drawn(state, waited_s, height=14)
     assert "NO HEADING" in screen
@@ -92,7 +91,7 @@ def test_the_frame_fits_its_terminal(width: int, height: int) -> None:
 
 
 def test_every_sensor_has_its_row() -> None:
-    screen = drawn(dataclasses.replace(STATE, notices=()), width=120)
+    screen = drawn(STATE._replace(notices=()), width=120)
     rows = {line.split()[0]: " ".join(line.split()[1:]) for line in screen.splitlines() if line.strip()}
     assert rows["gps1"] == "open 10.0 Hz 0.1 s DGPS 1.0 3 ideal 0"
     assert rows["gps2"] == "stale --- 7.5 s --- --- --- 17 checksum"

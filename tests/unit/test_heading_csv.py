@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tinyekf_py.estimate import MODES, POSITION_MODES, Estimate, estimates_to_array
+from tinyekf_py.estimate import MODES, POSITION_MODES, Estimate
+from tinyekf_py.estimate_array import estimates_to_array
 from tinyekf_py.heading_csv import (
     HeadingCsvError,
     HeadingCsvWriter,

@@ -12,7 +12,7 @@ import numpy as np
 from acquisition.recording import Event
 from acquisition.sample import MAX_GPS
 from tinyekf_py.config import METHODS, apply_flat
-from tinyekf_py.estimate import estimates_to_array
+from tinyekf_py.estimate_array import estimates_to_array
 from tinyekf_py.evaluate import peers, sensor_readers
 from tinyekf_py.evaluate.decoded import Decoded
 from tinyekf_py.evaluate.outcome import Outcome, no_weights

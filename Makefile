@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable
 C_SOURCES := $(wildcard csrc/*.c)
-C_FILES := $(wildcard csrc/*.[ch] csrc/*.inc tests/c/*.[ch] bench/*/*.[ch])
+C_FILES := $(wildcard csrc/*.[ch] csrc/*.inc tests/c/*.[ch] bench/*/*.[ch] toolchain/*/*.c)
 C_TESTS := $(patsubst tests/c/%.c,build/c/%,$(wildcard tests/c/test_*.c))
 WARNINGS := -Wall -Wextra -Wpedantic -Wconversion -Werror -std=c11
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer

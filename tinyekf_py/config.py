@@ -29,8 +29,18 @@ from tinyekf_py.config_key import (
     nonempty_text,
     number,
     numbers,
+    table,
+    tables_of,
     text,
     words,
+)
+from tinyekf_py.outputs.settings import (
+    NmeaConfig,
+    NmeaSerialConfig,
+    NmeaTcpConfig,
+    NmeaUdpConfig,
+    SignalKConfig,
+    WebConfig,
 )
 from tinyekf_py.tasks import task_names
 
@@ -211,7 +221,7 @@ class FusionConfig:
         unit="m^2, m^2, degrees^2",
         shapes_result=True,
     )
-    cnw_ekf: CnwEkfConfig = CnwEkfConfig()
+    cnw_ekf: CnwEkfConfig = table(CnwEkfConfig(), "cnw-ekf")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -223,10 +233,21 @@ class TasksConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutputsConfig:
-    """Files that a live run writes; an old heading CSV is replaced, an old recording set aside."""
+    """What a live run gives; an old heading CSV is replaced, an old recording set aside."""
 
     csv: str = key("", "The heading CSV, ten rows a second; empty for none.", text)
     recording: str = key("", "The recording of every line received, for replays; empty for none.", text)
+    allow_simulated: bool = key(
+        False,
+        "Whether simulated and replayed data, which some sentences cannot mark, may leave this machine.",
+        boolean,
+    )
+    nmea: NmeaConfig = table(NmeaConfig())
+    nmea_tcp: NmeaTcpConfig = table(NmeaTcpConfig())
+    nmea_udp: NmeaUdpConfig = table(NmeaUdpConfig())
+    nmea_serial: NmeaSerialConfig = table(NmeaSerialConfig())
+    signalk: SignalKConfig = table(SignalKConfig())
+    web: WebConfig = table(WebConfig())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -295,12 +316,12 @@ def apply_flat(config: Config, flat: Mapping[str, object], where: str) -> Config
     tables: dict[str, Any] = {}
     for dotted, value in flat.items():
         *sections, name = dotted.split(".")
-        table = tables
+        values = tables
         for section in sections:
-            table = table.setdefault(section, {})
-            if not isinstance(table, dict):
+            values = values.setdefault(section, {})
+            if not isinstance(values, dict):
                 raise ConfigError(f"{where}: {dotted} is not a key")
-        table[name] = value
+        values[name] = value
     return _lay_over(config, tables, where)
 
 
@@ -330,11 +351,11 @@ def _sections(config: Config) -> Iterator[tuple[str, object]]:
     for name in SOURCES:
         if name in config.sensors:
             yield f"sensors.{name}", config.sensors[name]
-    yield "fusion", config.fusion
-    yield "fusion.cnw-ekf", config.fusion.cnw_ekf
-    yield "tasks", config.tasks
-    yield "outputs", config.outputs
-    yield "recording", config.recording
+    for name in ("fusion", "tasks", "outputs", "recording"):
+        section = getattr(config, name)
+        yield name, section
+        for inner, field_name in tables_of(section).items():
+            yield f"{name}.{inner}", getattr(section, field_name)
 
 
 def _lay_over(config: Config, tables: Mapping[str, Any], where: str) -> Config:
@@ -342,16 +363,14 @@ def _lay_over(config: Config, tables: Mapping[str, Any], where: str) -> Config:
         if name not in ("vessel", "sensors", "fusion", "tasks", "outputs", "recording"):
             raise _unknown(name, where, ["vessel", "sensors", "fusion", "tasks", "outputs", "recording"])
     sensors = dict(config.sensors)
-    for name, table in _table(tables, "sensors", where).items():
+    for name, values in _table(tables, "sensors", where).items():
         if name not in SOURCES:
             raise _unknown(f"sensors.{name}", where, [f"sensors.{source}" for source in SOURCES])
-        sensors[name] = _section(sensors.get(name) or default_sensor(name), f"sensors.{name}", table, where)
-    fusion_table = dict(_table(tables, "fusion", where))
-    cnw_ekf = _section(config.fusion.cnw_ekf, "fusion.cnw-ekf", fusion_table.pop("cnw-ekf", {}), where)
+        sensors[name] = _section(sensors.get(name) or default_sensor(name), f"sensors.{name}", values, where)
     changed = Config(
         vessel=_section(config.vessel, "vessel", tables.get("vessel", {}), where),
         sensors=sensors,
-        fusion=dataclasses.replace(_section(config.fusion, "fusion", fusion_table, where), cnw_ekf=cnw_ekf),
+        fusion=_section(config.fusion, "fusion", tables.get("fusion", {}), where),
         tasks=_section(config.tasks, "tasks", tables.get("tasks", {}), where),
         outputs=_section(config.outputs, "outputs", tables.get("outputs", {}), where),
         recording=_section(config.recording, "recording", tables.get("recording", {}), where),
@@ -361,20 +380,23 @@ def _lay_over(config: Config, tables: Mapping[str, Any], where: str) -> Config:
 
 
 def _table(tables: Mapping[str, Any], name: str, where: str) -> Mapping[str, Any]:
-    table = tables.get(name, {})
-    if not isinstance(table, Mapping):
-        raise ConfigError(f"{where}: {name} must be a table, [{name}], not {_shown(table)}")
-    return table
+    values = tables.get(name, {})
+    if not isinstance(values, Mapping):
+        raise ConfigError(f"{where}: {name} must be a table, [{name}], not {_shown(values)}")
+    return values
 
 
-def _section(section: Section, name: str, table: object, where: str) -> Section:
-    if not isinstance(table, Mapping):
-        raise ConfigError(f"{where}: {name} must be a table, [{name}], not {_shown(table)}")
-    declared = keys_of(section)
-    changes = {}
-    for key_name, value in table.items():
+def _section(section: Section, name: str, values: object, where: str) -> Section:
+    if not isinstance(values, Mapping):
+        raise ConfigError(f"{where}: {name} must be a table, [{name}], not {_shown(values)}")
+    declared, inner = keys_of(section), tables_of(section)
+    changes: dict[str, Any] = {}
+    for key_name, value in values.items():
+        if key_name in inner:
+            changes[inner[key_name]] = _section(getattr(section, inner[key_name]), f"{name}.{key_name}", value, where)
+            continue
         if key_name not in declared:
-            raise _unknown(f"{name}.{key_name}", where, [f"{name}.{known}" for known in declared])
+            raise _unknown(f"{name}.{key_name}", where, [f"{name}.{known}" for known in (*declared, *inner)])
         try:
             changes[key_name] = declared[key_name].check(value)
         except ValueError as error:

@@ -39,6 +39,17 @@ def key(default: Any, doc: str, check: Check, *, unit: str = "", shapes_result: 
     return dataclasses.field(default=default, metadata={"key": Key(doc, unit, check, shapes_result)})
 
 
+def table(default: Any, name: str = "") -> Any:
+    """A field of a section's dataclass that is a section within it; `name` where TOML's is not the field's."""
+    return dataclasses.field(default=default, metadata={"table": name})
+
+
+def tables_of(section: object) -> dict[str, str]:
+    """The sections within a section (its dataclass or a value of it): TOML's name -> the field's name."""
+    fields = dataclasses.fields(section)  # type: ignore[arg-type]
+    return {field.metadata["table"] or field.name: field.name for field in fields if "table" in field.metadata}
+
+
 def keys_of(section: object) -> dict[str, Key]:
     """The declared keys of a section (its dataclass or a value of it), by name, in order."""
     fields = dataclasses.fields(section)  # type: ignore[arg-type]

@@ -30,12 +30,15 @@ from tinyekf_py.control_socket import ControlServer, Request, listening_path
 from tinyekf_py.estimate import Estimate
 from tinyekf_py.fusion import fusion_of
 from tinyekf_py.heading_csv import HeadingCsvWriter
+from tinyekf_py.outputs.launcher import OutputProcess
+from tinyekf_py.outputs.settings import switched_on
 from tinyekf_py.service_notify import ServiceNotifier
 from tinyekf_py.tasks import ALL, Switch, TaskError, Tasks, task_key, task_names
 from tinyekf_py.view_state import SensorRow, TaskRow, ViewState, current_estimate
 
 WAIT_S = 0.25  # longest wait for messages: how soon a stop is noticed when no device speaks
 VIEW_PERIOD_S = 0.25
+FRAME_PERIOD_S = 0.5  # longest time between two frames to the outputs when there is nothing new
 _NOTICES = 5
 #: What people are told of a port whose state has another name in messages.
 _PORT_WORDS = {SILENT: "stale", CLOSED: "starting"}
@@ -56,6 +59,7 @@ class LiveRun:
         self._ending = False
         self._newest: Estimate | None = None
         self._newest_at = 0.0
+        self._fresh = False  # an estimate that the outputs have not been given
         self._last_records: dict[str, bytes] = {}
         self._notices: deque[str] = deque(maxlen=_NOTICES)
         self._tasks = Tasks(task_names(config.sources, self._fusion.n_gps), config.tasks.stopped)
@@ -63,6 +67,7 @@ class LiveRun:
         self._requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
         self._recording: RecordingWriter | None = None
         self._csv: HeadingCsvWriter | None = None
+        self._outputs: OutputProcess | None = None
 
     @property
     def notices(self) -> deque[str]:
@@ -101,6 +106,9 @@ class LiveRun:
             for name in self._tasks.stopped:
                 self._switch(0, name, running=False)
             stack.enter_context(ControlServer(listening_path(), self.ask))
+            served = switched_on(outputs)
+            if served:
+                self._outputs = stack.enter_context(OutputProcess(served, self.ask))
             if view is not None:
                 stack.enter_context(view)
             stack.enter_context(self._notifier)
@@ -109,7 +117,7 @@ class LiveRun:
     def _loop(self, supervisor: Supervisor, duration_s: float | None, view: ConsoleView | None) -> None:
         recording = self._recording
         end = float("inf") if duration_s is None else self._start_us / 1e6 + duration_s
-        next_view = 0.0
+        next_view = next_frame = 0.0
         while not self._ending and (now := time.monotonic()) < end:
             for name, message in supervisor.poll(min(WAIT_S, end - now)):
                 if message.kind == LINE:
@@ -123,6 +131,9 @@ class LiveRun:
                 request = self._requests.get()
                 request.answer.put(self._answer(request.words, supervisor))
             self._notifier.turned(now, self._newest.mode if self._newest is not None else "waiting for sensors")
+            if self._outputs is not None and (self._fresh or now >= next_frame):
+                self._fresh, next_frame = False, now + FRAME_PERIOD_S
+                self._outputs.offer(self._view_state(supervisor.states))
             if view is not None and now >= next_view:
                 next_view = now + VIEW_PERIOD_S
                 view.show(self._view_state(supervisor.states))
@@ -159,6 +170,7 @@ class LiveRun:
         if rows:
             self._newest = rows[-1]
             self._newest_at = time.monotonic()
+            self._fresh = True
             if self._csv is not None:
                 for row in rows:
                     self._csv.row(row)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from acquisition.sample import CompassSample, GpsSample, ImuSample
+from acquisition.sample import GpsSample
 from acquisition.simulator.grades import GRADES
 from acquisition.simulator.scenarios import SCENARIOS
 from acquisition.simulator.voyage import Voyage
@@ -18,6 +18,17 @@ CORPUS = Path(__file__).resolve().parent / "corpus"
 def chunked(said: bytes) -> bytes:
     """`said` with the byte before each chunk that tells its length."""
     return b"".join(b"\x3c" + said[start : start + 61] for start in range(0, len(said), 61))
+
+
+def cruise(epochs: int) -> bytes:
+    """A boat under way in the short form of `fuzz_fusion.c`: an epoch of a receiver, a compass, the IMU each 50 ms."""
+    said = b""
+    for number in range(epochs):
+        gps = bytes([0x30 + number % 3, 5, 0x0A, (128 + number) % 255, 128, 0])
+        compass = bytes([0x38, 25, number])
+        imu = bytes([0x39, 20, 128, 127, 127])
+        said += gps + compass + imu
+    return said
 
 
 def main() -> None:
@@ -39,15 +50,10 @@ def main() -> None:
         "imu-hex/frames": chunked((frame + sum(frame).to_bytes(2, "big")) * 3),
         "recording/short": recording[:1500] + b"#event 0.300000 stop gps2\n0.310000 imu *1\\x41\n",
     }
-    nan = float("nan")
-    samples = (
-        GpsSample(0, 0, 1, 1.8e9, 36.0, 126.5, 0.0, 3.0, 90.0, 1.0, nan, 8),
-        CompassSample(40_000, 8, 0, 90.0, nan, nan, nan, nan),
-        ImuSample(50_000, 9, 0, 0.0, 0.0, 90.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0),
-        GpsSample(100_000, 0, 1, 1.8e9, 36.0, 126.500003, 0.0, 3.0, 90.0, 1.0, nan, 8),
-    )
-    for method in range(3):
-        seeds[f"core/method{method}"] = bytes([method, 0x73]) + b"".join(b"\x20" + s.pack() for s in samples)
+    for method in range(4):
+        seeds[f"core/method{method}"] = bytes([method, 0x73]) + cruise(40)
+    epoch = GpsSample(0, 0, 1, 1.8e9, 36.0, 126.5, 0.0, 3.0, 90.0, 1.0, float("nan"), 8)
+    seeds["core/raw"] = bytes([3, 0x73]) + b"\x20\x64" + epoch.pack() + cruise(8)
     for name, seed in seeds.items():
         (CORPUS / name).parent.mkdir(parents=True, exist_ok=True)
         (CORPUS / name).write_bytes(seed)

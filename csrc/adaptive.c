@@ -27,7 +27,9 @@ static const int64_t bearing_hold_us = 3000000;
 static const int64_t bearing_relearned_us = 120000000;      /* a compass refused so long has a new deviation */
 static const int64_t bearing_relearned_blind_us = 10000000; /* without a gyro to hold against it */
 static const int64_t contradiction_us = 6000000;            /* all refused so long: the filter is wrong, not they */
-static const double most_odds = 7.0;                        /* of the logarithm */
+/* A start and a turn tell of a current for so long; on a straight course the two likelihoods only drift apart. */
+static const int64_t evidence_us = 30000000;
+static const double most_odds = 7.0; /* of the logarithm */
 
 void adaptive_reset(adaptive_t *adaptive, const adaptive_settings_t *settings)
 {
@@ -169,6 +171,7 @@ static int start(adaptive_t *adaptive, int64_t t_us, const adaptive_bearing_t *b
     }
     adaptive->silent_since_us = SOURCE_NEVER;
     adaptive->running = 1;
+    adaptive->evidence_until_us = t_us + evidence_us;
     adaptive->heading = yaw_history_at(&adaptive->yaw, t_us, NULL) + offset;
     adaptive->wave_yaw = 0.0;
     adaptive->speed[ADAPTIVE_CALM] = adaptive->speed[ADAPTIVE_CURRENTED] = ahead;
@@ -262,7 +265,12 @@ static void measure(adaptive_t *adaptive, int64_t t_us, const adaptive_bearing_t
             adaptive_model_take_rest(&adaptive->filter[k], adaptive->gyro_rate);
         }
     }
-    adaptive->log_odds += log_likelihood[ADAPTIVE_CURRENTED] - log_likelihood[ADAPTIVE_CALM];
+    if (adaptive->turning > 0.0) {
+        adaptive->evidence_until_us = t_us + evidence_us;
+    }
+    if (t_us < adaptive->evidence_until_us) {
+        adaptive->log_odds += log_likelihood[ADAPTIVE_CURRENTED] - log_likelihood[ADAPTIVE_CALM];
+    }
     adaptive->log_odds = fmin(fmax(adaptive->log_odds, -most_odds), most_odds);
 
     if (velocity_accepted || bearing_accepted || !velocity) {

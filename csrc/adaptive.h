@@ -85,8 +85,9 @@ typedef struct {
     int64_t silent_since_us; /* when */
 
     adaptive_ekf_t filter[ADAPTIVE_HYPOTHESES];
-    double log_odds;  /* of a current */
-    double unsettled; /* rad: of the tick's correction, what the heading given out has yet to follow */
+    double log_odds;           /* of a current */
+    int64_t evidence_until_us; /* after this nothing tells a current from a deviation, until she turns again */
+    double unsettled;          /* rad: of the tick's correction, what the heading given out has yet to follow */
 
     double bearing_reference; /* rad: about which the tick's compass readings are summed */
     adaptive_bearing_t bearing;

@@ -179,6 +179,51 @@ class HeadingFusion:
         lib.fusion_estimate(self._fusion, t_us, self._rows)
         return self._estimate_of(self._rows[0])
 
+    def variation_deg(self, own_deg: float = math.nan) -> float:
+        """Magnetic variation in use with a compass whose sentence gives `own_deg`, east positive; NaN: unknown.
+
+        The configured one or the World Magnetic Model's, else the sentence's, else what a receiver gave.
+        """
+        known_deg = (math.degrees(self._fusion.settings.variation), own_deg, math.degrees(self._fusion.gps_variation))
+        return next((variation for variation in known_deg if math.isfinite(variation)), math.nan)
+
+    def weight_at(self, t_us: int, gps: int) -> float:
+        """Stage-1 weight of receiver `gps` (from 0) at a moment, 0 without a fix; NaN when it has fallen silent."""
+        receiver = ffi.addressof(self._fusion.gps[gps])
+        fresh = lib.source_clock_is_fresh(ffi.addressof(receiver, "clock"), t_us)
+        return float(lib.receiver_weight(receiver, t_us)) if fresh else math.nan
+
+    def compass_deg_at(self, t_us: int) -> float:
+        """The compass' last heading, made true, [0, 360); NaN without one or when it has fallen silent."""
+        fresh = lib.source_clock_is_fresh(ffi.addressof(self._fusion, "compass_clock"), t_us)
+        return math.degrees(self._fusion.compass) % 360.0 % 360.0 if fresh else math.nan
+
+    def attitude_deg_at(self, t_us: int) -> tuple[float, float]:
+        """Roll (starboard down) and pitch (bow up) by gyro and gravity; NaN without an IMU that speaks and has both."""
+        attitude = self._fusion.attitude
+        fresh = lib.source_clock_is_fresh(ffi.addressof(self._fusion, "imu_clock"), t_us)
+        if not fresh or not attitude.levelled:
+            return math.nan, math.nan
+        return math.degrees(attitude.roll), math.degrees(attitude.pitch)
+
+    def course_sigma_deg(self, speed_mps: float, hdop: float, weight: float) -> float:
+        """Standard deviation of a receiver's course taken for the heading, as method adaptive weighs it.
+
+        By its velocity's noise and by the current that there may be, at a speed over ground; NaN at weight 0.
+        """
+        noise = self._fusion.settings.adaptive.noise
+        if not (weight > 0.0 and speed_mps > 0.0):
+            return math.nan
+        velocity = noise.velocity * (max(hdop, 0.6) if math.isfinite(hdop) else 2.0) * math.sqrt(3.0 / weight)
+        return math.degrees(math.atan(math.hypot(velocity, noise.current[lib.ADAPTIVE_CURRENTED]) / speed_mps))
+
+    @property
+    def compass_sigma_deg(self) -> float:
+        """Standard deviation of the corrected compass, as method adaptive weighs it before it has learned anything."""
+        noise = self._fusion.settings.adaptive.noise
+        a, b, c, d, e = noise.deviation
+        return math.degrees(math.sqrt(noise.compass**2 + a * a + (b * b + c * c + d * d + e * e) / 2.0))
+
     @property
     def verdicts(self) -> dict[str, int]:
         """How many samples were taken, and not taken, by reason."""

@@ -19,10 +19,9 @@ from datetime import UTC, datetime
 
 from acquisition.background_file import Rotation
 from acquisition.device import DeviceSettings, DeviceState
-from acquisition.message import CLOSED, LINE, RESTART, SILENT
+from acquisition.message import LINE, RESTART
 from acquisition.plug_monitor import open_plug_monitor
 from acquisition.recording import RecordingWriter
-from acquisition.sample import SAMPLE_SIZE, GpsSample, unpack
 from acquisition.supervisor import Supervisor
 from tinyekf_py.config import Config, result_config
 from tinyekf_py.console import ConsoleView
@@ -30,18 +29,17 @@ from tinyekf_py.control_socket import ControlServer, Request, listening_path
 from tinyekf_py.estimate import Estimate
 from tinyekf_py.fusion import fusion_of
 from tinyekf_py.heading_csv import HeadingCsvWriter
+from tinyekf_py.instruments import Instruments
 from tinyekf_py.outputs.launcher import OutputProcess
 from tinyekf_py.outputs.settings import switched_on
 from tinyekf_py.service_notify import ServiceNotifier
 from tinyekf_py.tasks import ALL, Switch, TaskError, Tasks, task_key, task_names
-from tinyekf_py.view_state import SensorRow, TaskRow, ViewState, current_estimate
+from tinyekf_py.view_state import TaskRow, ViewState, current_estimate
 
 WAIT_S = 0.25  # longest wait for messages: how soon a stop is noticed when no device speaks
 VIEW_PERIOD_S = 0.25
 FRAME_PERIOD_S = 0.5  # longest time between two frames to the outputs when there is nothing new
 _NOTICES = 5
-#: What people are told of a port whose state has another name in messages.
-_PORT_WORDS = {SILENT: "stale", CLOSED: "starting"}
 
 _log = logging.getLogger(__name__)
 
@@ -60,7 +58,7 @@ class LiveRun:
         self._newest: Estimate | None = None
         self._newest_at = 0.0
         self._fresh = False  # an estimate that the outputs have not been given
-        self._last_records: dict[str, bytes] = {}
+        self._instruments = Instruments(self._fusion)
         self._notices: deque[str] = deque(maxlen=_NOTICES)
         self._tasks = Tasks(task_names(config.sources, self._fusion.n_gps), config.tasks.stopped)
         self._notifier = ServiceNotifier()
@@ -163,7 +161,7 @@ class LiveRun:
 
     def _take(self, name: str, records: bytes) -> None:
         rows = self._fusion.feed_records(records)
-        self._last_records[name] = records[-SAMPLE_SIZE:]
+        self._instruments.take(name, records)
         self._put_out(rows)
 
     def _put_out(self, rows: list[Estimate]) -> None:
@@ -178,17 +176,21 @@ class LiveRun:
                 _log.warning("%s", notice)
 
     def _view_state(self, states: dict[str, DeviceState]) -> ViewState:
-        elapsed_s = (time.monotonic_ns() // 1000 - self._start_us) / 1e6
+        elapsed_us = time.monotonic_ns() // 1000 - self._start_us
+        recording = self._recording
         return ViewState(
             estimate=self._newest,
             estimate_age_s=time.monotonic() - self._newest_at,
-            sensors=tuple(self._sensor_row(state, elapsed_s) for state in states.values()),
-            elapsed_s=elapsed_s,
+            sensors=tuple(self._instruments.device_row(state, elapsed_us) for state in states.values()),
+            elapsed_s=elapsed_us / 1e6,
             method=self._fusion.method,
             recording=self._config.outputs.recording,
             simulated=self._simulated,
             notices=tuple(self._notices),
             tasks=tuple(TaskRow(task_key(name), name, on) for name, on in self._tasks.running.items()),
+            navigation=self._instruments.navigation(elapsed_us, self._newest.t_us if self._newest else None),
+            recording_failure=recording.failure if recording is not None else "",
+            recording_lost=recording.lost if recording is not None else 0,
         )
 
     def _status(self, states: dict[str, DeviceState]) -> Mapping[str, object]:
@@ -197,19 +199,18 @@ class LiveRun:
         estimate = current_estimate(view, 0.0)
         sensors = {}
         for row in view.sensors:
-            state = states[row.name]
             sensors[row.name] = {
                 "port_state": row.port_state,
-                "port_text": state.port_text,
-                "pid": state.pid,
-                "rate_hz": round(state.rate_hz, 2),
+                "port_text": row.port_text,
+                "pid": states[row.name].pid,
+                "rate_hz": round(row.rate_hz, 2),
                 "age_s": round(row.age_s, 3) if math.isfinite(row.age_s) else None,
-                "restarts": state.restarts,
-                "stale_s": state.counts["down_ms"] / 1000,
-                "lines": state.counts["lines"],
-                "samples": state.counts["samples"],
-                "dropped": state.dropped,
-                "last_error": state.last_error,
+                "restarts": row.restarts,
+                "stale_s": row.down_s,
+                "lines": row.lines,
+                "samples": row.samples,
+                "dropped": dict(row.dropped),
+                "last_error": row.last_error,
             }
         return {
             "t_s": round(view.elapsed_s, 3),
@@ -221,29 +222,10 @@ class LiveRun:
             "sensors": sensors,
             "recording": {
                 "path": view.recording,
-                "failure": self._recording.failure if self._recording is not None else "",
-                "lost": self._recording.lost if self._recording is not None else 0,
+                "failure": view.recording_failure,
+                "lost": view.recording_lost,
             },
         }
-
-    def _sensor_row(self, state: DeviceState, elapsed_s: float) -> SensorRow:
-        record = self._last_records.get(state.name)
-        sample = unpack(record) if record else None
-        gps = sample if isinstance(sample, GpsSample) else None
-        weight = float("nan")
-        if gps is not None and self._newest is not None:
-            weight = self._newest.weights[gps.source]
-        return SensorRow(
-            name=state.name,
-            port_state=_PORT_WORDS.get(state.port_state, state.port_state) if state.polling else "stopped",
-            rate_hz=state.rate_hz,
-            age_s=elapsed_s - sample.t_us / 1e6 if sample else float("nan"),
-            fix_quality=gps.fix_quality if gps else -1,
-            hdop=gps.hdop if gps else float("nan"),
-            weight=weight,
-            errors=state.errors,
-            last_error=state.last_error,
-        )
 
 
 def device_settings(config: Config) -> list[DeviceSettings]:

@@ -22,6 +22,8 @@ from acquisition.worker_process import WorkerProcess
 HEARTBEAT_LIMIT_S = 4.0  # a worker that was silent longer hangs: it speaks every second
 START_LIMIT_S = 15.0  # until its first word; a slow board takes seconds to start five interpreters
 STALL_S = 1.0  # a `poll` this late is our own fault: then no worker is called hung
+LATE_S = 0.4  # a `poll` this late finds more in the workers than their pipes hold;
+CATCH_UP_S = 0.1  # then all that they hand over within this time is put in order
 
 _log = logging.getLogger(__name__)
 
@@ -65,27 +67,28 @@ class Supervisor:
         """Messages that came within `timeout` seconds, as (device, message), by stamp; returns at the first few.
 
         Those of one device are in its order. A busy device cannot crowd out another: each gives at most a pipe's
-        fill (4096 bytes) at a time.
+        fill (4096 bytes) at a time. A caller that comes late, after a stall, gets all that waited in one piece.
         """
-        deadline = time.monotonic() + timeout
+        now = time.monotonic()
+        deadline = now + timeout
+        gather_until = now + CATCH_UP_S if now - self._polled_at > LATE_S else now
+        messages: list[tuple[str, Message]] = []
+        sources: set[str] = set()
         while True:
-            now = time.monotonic()
-            wait = max(0.0, min(deadline, self._due()) - now)
-            messages: list[tuple[str, Message]] = []
-            sources = 0
-            for key, _ in self._selector.select(wait):
+            until = gather_until if messages else min(deadline, self._due())
+            for key, _ in self._selector.select(max(0.0, until - now)):
                 if key.data is None:
                     self._look_for_plugged()
                     continue
                 received = self._receive(key.data)
-                sources += bool(received)
-                messages += received
-            self._look_after(time.monotonic())
-            if messages:
-                if sources > 1:  # in which order the pipes were read is an accident
+                if received:
+                    sources.add(key.data.name)
+                    messages += received
+            now = time.monotonic()
+            self._look_after(now)
+            if now >= (gather_until if messages else deadline):
+                if len(sources) > 1:  # in which order the pipes were read is an accident
                     messages.sort(key=lambda entry: entry[1].t_us)
-                return messages
-            if time.monotonic() >= deadline:
                 return messages
 
     def set_polling(self, name: str, running: bool) -> None:

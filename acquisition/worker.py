@@ -94,7 +94,7 @@ class Worker:
                 self._beat(now_us)
             if 0 < self._listen_at_us <= now_us:
                 self._end_flood(now_us)
-            self._outbox.flush()
+            self._outbox.flush(now_us)
             self._arrange_poll()
             wait_us = min(beat_at_us, self._watch.due_us, self._listen_at_us or NEVER_US) - now_us
             ready = self._poll.poll(max(0, -(-wait_us // 1000)))

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from live_boat import DEADLINE_S, Program
+from live_boat import DEADLINE_S, SENSORS, Program
 
 from acquisition.port import open_port
 from acquisition.recording import read_recording
-from tinyekf_py.heading_csv import read_heading_csv
+from tinyekf_py.heading_csv import format_row, read_heading_csv
+from tinyekf_py.replay import Replay
 
 LIBFAKETIME = next(iter(sorted(Path("/usr/lib").glob("*/faketime/libfaketime.so.1"))), None)
 
@@ -173,6 +174,22 @@ def test_the_wall_clock_is_set_back_a_day(own_life: Any, tmp_path: Path) -> None
     both = min(len(live), len(replay))
     assert both > 1000
     assert live[:both] == replay[:both]
+
+
+def test_the_program_itself_stands_still(own_life: Any) -> None:
+    life = own_life()
+    life.live.until_whole()
+
+    def stand_still() -> None:
+        life.live.process.send_signal(signal.SIGSTOP)
+        time.sleep(5.0)  # that is the fault
+        life.live.process.send_signal(signal.SIGCONT)
+
+    life.row("program: SIGSTOP for 5 s", stand_still, lambda _: True, broken=SENSORS)
+    assert life.live.end() == 0
+    replay = Replay(read_recording(life.live.recording))
+    assert b"".join(f"{format_row(row, 3)}\n".encode() for rows in replay for row in rows) in life.live.csv.read_bytes()
+    assert replay.fusion.verdicts["backwards"] == 0
 
 
 def test_signals_end_it_while_a_worker_hangs(own_life: Any, row_of: Any) -> None:

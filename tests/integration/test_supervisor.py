@@ -29,7 +29,8 @@ class Crew:
     """A supervisor and all it passed on, per device."""
 
     def __init__(self, *devices: DeviceSettings) -> None:
-        self.supervisor = Supervisor(devices, time.monotonic_ns() // 1000)
+        self.start_us = time.monotonic_ns() // 1000
+        self.supervisor = Supervisor(devices, self.start_us)
         self.messages: dict[str, list[Message]] = {device.name: [] for device in devices}
 
     def poll(self, timeout_s: float = 0.1) -> None:
@@ -176,6 +177,25 @@ def test_own_stall_is_not_blamed_on_the_workers(imu_and_compass) -> None:
         select.select([], [], [], 0.05)
     crew.until_line_after("imu", lambda: imu.write(IMU_LINE + b"\r\n"))
     assert [state.restarts for state in crew.supervisor.states.values()] == [0, 0]
+
+
+def test_after_a_stall_all_that_waited_comes_in_order_and_none_too_old(imu_and_compass) -> None:
+    crew, imu, compass = imu_and_compass
+    stalled = time.monotonic() + 3.0
+    while time.monotonic() < stalled:
+        imu.write(IMU_LINE + b"\r\n")
+        compass.write(COMPASS_LINE + b"\r\n")
+        select.select([], [], [], 0.01)
+    came: list[int] = []
+    resumed_us = time.monotonic_ns() // 1000 - crew.start_us
+    while not came or came[-1] < resumed_us:
+        imu.write(IMU_LINE + b"\r\n")
+        came += [message.t_us for _, message in crew.supervisor.poll(0.1) if message.kind == LINE]
+    newest = 0
+    for t_us in came:
+        assert t_us > newest - 1_000_000  # older than that, fusion would refuse it
+        newest = max(newest, t_us)
+    crew.until(lambda: crew.supervisor.states["compass"].counts["slow-reader"] > 0)
 
 
 def test_polling_stops_and_starts_for_one_device_alone(imu_and_compass) -> None:

@@ -11,11 +11,13 @@ import time
 from collections.abc import AsyncIterator, Mapping
 from typing import Any
 
+from tinyekf_py.alarms import Alarm, Alarms
 from tinyekf_py.estimate import Estimate
 from tinyekf_py.outputs.frame import MAX_PACKET, Answer, Frame, LogLine, Request, decode, encode
 from tinyekf_py.view_state import ViewState, current_estimate
 
 ANSWER_PATIENCE_S = 5.0
+FRAME_SPACING_S = 0.1  # between two frames, about
 
 
 class Feed:
@@ -30,6 +32,7 @@ class Feed:
         self._link = link
         self._link.setblocking(False)
         self._frame: Frame | None = None
+        self._alarms = Alarms()
         self._changed = asyncio.Event()
         self._ended = asyncio.Event()
         self._numbers = itertools.count(1)
@@ -50,6 +53,11 @@ class Feed:
         """The estimate as it may be given out now: an invalid one when it is missing or more than a second old."""
         return current_estimate(self._frame.state, self.age_s) if self._frame is not None else Estimate(0)
 
+    @property
+    def alarms(self) -> tuple[Alarm, ...]:
+        """The alarms raised now, worst first."""
+        return self._alarms.update(self.state, self.age_s)
+
     async def frames(self, longest_s: float = 1.0) -> AsyncIterator[None]:
         """Yields whenever there is a new frame, and after `longest_s` without one, until the program ends."""
         seen = None
@@ -59,6 +67,15 @@ class Feed:
                     await asyncio.wait_for(self._changed.wait(), longest_s)
             seen = self._frame
             if not self._ended.is_set():
+                yield
+
+    async def paced(self, rate_hz: float) -> AsyncIterator[None]:
+        """Yields with the newest frame about `rate_hz` times a second, twice a second when there is none."""
+        period_s, due_s = 1.0 / rate_hz, 0.0
+        async for _ in self.frames(0.5):
+            now_s = time.monotonic()
+            if now_s >= due_s - 0.5 * FRAME_SPACING_S:
+                due_s = max(due_s, now_s - period_s) + period_s
                 yield
 
     async def ask(self, *words: str) -> Mapping[str, Any]:

@@ -138,6 +138,13 @@ def words(*allowed: str) -> Check:
     return check
 
 
+def texts(value: object) -> tuple[str, ...]:
+    """A list of texts, none of them empty."""
+    if not isinstance(value, list | tuple):
+        raise ValueError("must be a list of texts in quotes")
+    return tuple(nonempty_text(item) for item in value)
+
+
 def nearest_of(word: str, words: Iterable[str]) -> str:
     """The one of `words` that looks most like `word`, however little that is."""
     known = list(words)

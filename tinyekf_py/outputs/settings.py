@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from tinyekf_py.config_key import boolean, integer, key, nonempty_text, number, text, words
+from tinyekf_py.config_key import boolean, integer, key, nonempty_text, number, text, texts, words
 
 #: The sentences that can be sent, by their formatter.
 SENTENCES = ("HDT", "THS", "HDG", "HDM", "ROT", "XDR", "GGA", "RMC", "ALR")
@@ -77,6 +77,11 @@ class WebConfig:
     host: str = key("127.0.0.1", _host, nonempty_text)
     port: int = key(8080, "TCP port.", _port)
     rate_hz: float = key(10.0, "How often a page is sent what is new.", number(1, 10), unit="Hz")
+    names: tuple[str, ...] = key((), "Host names it goes by beside localhost, as in an address bar: boat.local.", texts)
+    read_token: bool = key(False, "Whether reading needs the token too, which control needs anyway.", boolean)
+    token_file: str = key(
+        "", "Where the token is kept; empty for $STATE_DIRECTORY/web-token or ~/.config/tinyekf/token.", text
+    )
 
 
 def switched_on(outputs: Any) -> dict[str, dict[str, Any]]:

@@ -18,8 +18,7 @@ static const double speed_held_within = 0.3;        /* m/s */
 static const double turn_from = 1.2 * ANGLE_DEGREE; /* rad/s: waves yaw no faster once smoothed; */
 static const double turn_full = 2.4 * ANGLE_DEGREE; /* this is a turn */
 static const double starting_speed = 1.0;           /* m/s: slower, a course is no first heading */
-static const double unknown_hdop = 2.0;
-static const double under_way = 1.0; /* m/s over ground: not at rest */
+static const double under_way = 1.0;                /* m/s over ground: not at rest */
 static const double rest_memory_s = 2.0;
 static const double rest_below = 0.22; /* m/s over ground, meanwhile: at rest; */
 static const double rest_above = 0.35; /* no more */
@@ -40,68 +39,14 @@ void adaptive_reset(adaptive_t *adaptive, const adaptive_settings_t *settings)
         .bearing_hold_us = SOURCE_NEVER,
         .bearing_refused_us = SOURCE_NEVER,
         .contradicted_us = SOURCE_NEVER,
+        .velocity_us = SOURCE_NEVER,
         .log_odds = log(settings->current_chance / (1.0 - settings->current_chance)),
     };
     yaw_history_reset(&adaptive->yaw);
     for (int i = 0; i < SAMPLE_MAX_GPS; i++) {
         adaptive->receiver[i].suspect_until_us = SOURCE_NEVER;
+        adaptive->track[i].t_us = SOURCE_NEVER;
     }
-}
-
-static int64_t moment_of(const adaptive_t *adaptive, int source, int64_t t_us)
-{
-    return t_us - (int64_t)(adaptive->settings.latency_s[source] * 1e6);
-}
-
-void adaptive_turn(adaptive_t *adaptive, int64_t t_us, double angle, double rate)
-{
-    yaw_history_turn(&adaptive->yaw, moment_of(adaptive, SAMPLE_IMU, t_us), angle, rate);
-}
-
-void adaptive_bear(adaptive_t *adaptive, int64_t t_us, double heading)
-{
-    adaptive_bearing_t *sum = &adaptive->bearing;
-    const int64_t then_us = moment_of(adaptive, SAMPLE_COMPASS, t_us);
-    double rate;
-    const double offset = heading - yaw_history_at(&adaptive->yaw, then_us, &rate);
-    if (sum->n == 0) {
-        adaptive->bearing_reference = offset;
-    }
-    sum->age += source_seconds_since(adaptive->tick_us, then_us);
-    sum->rate += rate;
-    sum->n++;
-}
-
-void adaptive_move(adaptive_t *adaptive, int64_t t_us, int i, const gps_reading_t *reading, double weight)
-{
-    double speed = reading->speed_mps;
-    double course = reading->course_deg * ANGLE_DEGREE;
-    double hdop = reading->hdop;
-    if (isnan(hdop)) { /* the receiver does not say how good it is */
-        hdop = unknown_hdop;
-        weight = 1.0;
-    }
-    if (!(speed >= 0.0 && speed < INFINITY) || !(weight > 0.0)) {
-        return;
-    }
-    if (!isfinite(course)) { /* blank: she lies still */
-        if (speed > rest_above) {
-            return;
-        }
-        speed = 0.0;
-        course = 0.0;
-    }
-    adaptive_receiver_t *sum = &adaptive->receiver[i];
-    const int64_t then_us = moment_of(adaptive, i, t_us);
-    const double sigma = adaptive->settings.noise.velocity * fmax(hdop, 0.6);
-    double rate;
-    sum->yaw += yaw_history_at(&adaptive->yaw, then_us, &rate);
-    sum->north += speed * cos(course);
-    sum->east += speed * sin(course);
-    sum->rate += rate;
-    sum->age += source_seconds_since(adaptive->tick_us, then_us);
-    sum->variance += sigma * sigma * 3.0 / weight;
-    sum->n++;
 }
 
 static void each_renew(adaptive_t *adaptive, int state, const double mean[ADAPTIVE_HYPOTHESES],

@@ -17,6 +17,7 @@ typedef struct {
     double latency_s[SAMPLE_IMU + 1]; /* by source: from the moment measured to the stamp */
     double current_chance;            /* how likely a current is, before anything is measured */
     double unmodelled;                /* rad: standard deviation of what no sensor aboard can see, as leeway */
+    double arm[SAMPLE_MAX_GPS][2];    /* m: each antenna's place, ahead and to starboard of the reference point */
     adaptive_noise_t noise;
 } adaptive_settings_t;
 
@@ -31,22 +32,23 @@ typedef struct {
             .deviation_walk = 0.005 * ANGLE_DEGREE,                                                                    \
             .bias = 1.0 * ANGLE_DEGREE,                                                                                \
             .bias_walk = 0.005 * ANGLE_DEGREE,                                                                         \
-            .gain = 0.006,                                                                                             \
+            .gain = 0.01,                                                                                              \
             .gyro = 0.03 * ANGLE_DEGREE,                                                                               \
             .unseen_turn = 1.5 * ANGLE_DEGREE,                                                                         \
             .unseen_rate = 2.0 * ANGLE_DEGREE,                                                                         \
             .lag_mean = 0.25,                                                                                          \
-            .lag = 0.15,                                                                                               \
+            .lag = 0.2,                                                                                                \
             .speed_walk = 0.03,                                                                                        \
             .slip_mean = -1.0,                                                                                         \
             .slip = 0.5,                                                                                               \
             .current = {0.03, 0.35},                                                                                   \
             .current_walk = {0.0005, 0.002},                                                                           \
-            .compass = 0.5 * ANGLE_DEGREE,                                                                             \
+            .compass = 0.7 * ANGLE_DEGREE,                                                                             \
             .compass_memory_s = 8.0,                                                                                   \
             .compass_quick = 0.4 * ANGLE_DEGREE,                                                                       \
             .velocity = 0.08,                                                                                          \
             .velocity_memory_s = 1.0,                                                                                  \
+            .position = 0.1,                                                                                           \
             .waves = 0.06,                                                                                             \
             .waves_memory_s = 0.6,                                                                                     \
             .aside_per_turn = 0.5,                                                                                     \
@@ -58,12 +60,18 @@ typedef struct {
     double north;
     double east;
     double yaw;
-    double rate;
     double age; /* s after the tick's begin, of the moments measured */
     double variance;
     int n;
     int64_t suspect_until_us; /* it has lately contradicted the others */
 } adaptive_receiver_t;
+
+/* Where a receiver was some time ago: one that gives no velocity shows it by its way since then. */
+typedef struct {
+    double lat_deg;
+    double lon_deg;
+    int64_t t_us; /* SOURCE_NEVER: nowhere yet */
+} adaptive_track_t;
 
 typedef struct {
     adaptive_settings_t settings;
@@ -92,6 +100,8 @@ typedef struct {
     double bearing_reference; /* rad: about which the tick's compass readings are summed */
     adaptive_bearing_t bearing;
     adaptive_receiver_t receiver[SAMPLE_MAX_GPS];
+    adaptive_track_t track[SAMPLE_MAX_GPS];
+    int64_t velocity_us; /* when a receiver last gave a velocity */
 
     double gyro_rate;  /* rad/s: over the last tick, bias and all */
     double mean_north; /* m/s over ground, of the last seconds */
@@ -113,7 +123,7 @@ void adaptive_turn(adaptive_t *adaptive, int64_t t_us, double angle, double rate
 /* The compass showed a true heading (rad). */
 void adaptive_bear(adaptive_t *adaptive, int64_t t_us, double heading);
 
-/* Receiver i, of stage-1 weight `weight`, gave a fix with speed and course. */
+/* Receiver i, of stage-1 weight `weight`, gave a fix: with speed and course, or without them. */
 void adaptive_move(adaptive_t *adaptive, int64_t t_us, int i, const gps_reading_t *reading, double weight);
 
 /* Heading at a moment (rad) and its standard deviation (rad); 0 when there is none yet. */

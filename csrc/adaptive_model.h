@@ -40,6 +40,7 @@ typedef struct {
     double compass_quick;     /* rad: what one tick's mean adds */
     double velocity;          /* m/s per axis: of a receiver with HDOP 1 */
     double velocity_memory_s; /* s: its correlation time */
+    double position;          /* m per axis: how two positions of a receiver with HDOP 1 err apart within seconds */
     double waves;             /* m/s per axis: how waves move the boat */
     double waves_memory_s;    /* s */
     double aside_per_turn;    /* m: sideways speed not understood, per rate of turn */

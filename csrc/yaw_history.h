@@ -1,4 +1,4 @@
-/* The gyro's yaw of the last second or so: the yaw rate integrated from the start, as measured, bias and all. Sensors that
+/* The gyro's yaw of the last two seconds or so: the yaw rate integrated from the start, as measured, bias and all. Sensors that
  * report late (a GPS 60 to 200 ms) are compared with what the boat did then. */
 #ifndef YAW_HISTORY_H
 #define YAW_HISTORY_H
@@ -7,7 +7,7 @@
 #include <stdint.h>
 #endif
 
-#define YAW_HISTORY_LENGTH 128 /* entries at least 8 ms apart: a second and more */
+#define YAW_HISTORY_LENGTH 256 /* entries at least 8 ms apart: two seconds and more */
 
 typedef struct {
     int64_t t_us[YAW_HISTORY_LENGTH];

@@ -39,7 +39,9 @@ class Errors(NamedTuple):
 
 
 @cache
-def sailed(name: str, duration_s: float, *, circle_first: bool = True, seed: int = 1) -> Sailed:
+def sailed(
+    name: str, duration_s: float, *, circle_first: bool = True, seed: int = 1, gga_alone: bool = False
+) -> Sailed:
     scenario = scenario_named(name)
     voyage = Voyage(settled(scenario) if circle_first else scenario, GRADES["typical"], seed=seed)
     config = Config()
@@ -50,6 +52,8 @@ def sailed(name: str, duration_s: float, *, circle_first: bool = True, seed: int
     records, headings = [], [voyage.motion.heading_deg]
     for step in range(1, round(duration_s / STEP_S) + 1):
         for t_us, source, line in voyage.advance():
+            if gga_alone and source.startswith("gps") and not line.startswith(b"$GPGGA"):
+                continue
             records += [sample.pack() for sample in decoders[source].decode(t_us, line)]
         if step % 10 == 0:
             headings.append(voyage.motion.heading_deg)
@@ -128,6 +132,18 @@ def test_a_boat_without_compass_starts_by_her_course() -> None:
     found = errors(sailed("straight", 240.0), without=("compass",))
     assert np.isfinite(found.error_deg).all()
     assert found.rmse_deg < 1.5
+
+
+def test_a_receiver_without_speed_and_course_shows_them_by_its_track() -> None:
+    for name, duration_s in (("straight", 240.0), ("harbour", 300.0)):
+        voyage = sailed(name, duration_s, gga_alone=True)
+        gps = voyage.samples["source"] < COMPASS
+        assert gps.any(), name
+        assert np.isnan(voyage.samples["speed_mps"][gps]).all(), name
+        found = errors(voyage)
+        assert found.rmse_deg < 1.0, name
+        assert np.mean(np.abs(found.error_deg) < 2.0 * found.sigma_deg) > 0.9, name
+        assert found.rmse_deg < 0.6 * errors(voyage, without=("gps1", "gps2", "gps3")).rmse_deg, name
 
 
 def test_compass_and_gyro_alone_make_a_heading_within_its_sigma() -> None:

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tinyekf_py.alarms import HEADING_INVALID, SOURCES_DISAGREE, Alarm, Alarms
 from tinyekf_py.estimate import MODES, POSITION_MODES, Estimate
 from tinyekf_py.outputs.signalk_delta import SELF, delta, hello, json_line, vessel_context
 from tinyekf_py.view_state import Navigation, ViewState
@@ -27,7 +28,7 @@ HEADING_NOTIFICATION = "notifications.navigation.headingTrue"
 
 
 def values_of(state: ViewState | None, waited_s: float = 0.0) -> dict[str, Any]:
-    (update,) = delta(state, waited_s, NOW)["updates"]
+    (update,) = delta(state, waited_s, NOW, ())["updates"]
     return {entry["path"]: entry["value"] for entry in update["values"]}
 
 
@@ -51,13 +52,13 @@ def test_values_are_in_si_and_radians() -> None:
 
 
 def test_it_says_when_and_by_whom() -> None:
-    message = delta(STATE, 0.2, NOW)
+    message = delta(STATE, 0.2, NOW, ())
     assert message["context"] == SELF == "vessels.self"
     (update,) = message["updates"]
     assert update["$source"] == "tinyekf"
     assert update["timestamp"] == "2026-11-24T03:00:05.000Z"  # 0.05 s old when it came, 0.2 s ago
     elsewhere = NOW.astimezone(datetime.strptime("+09:00", "%z").tzinfo)
-    assert delta(STATE, 0.2, elsewhere) == message
+    assert delta(STATE, 0.2, elsewhere, ()) == message
 
 
 def test_what_is_not_known_is_null() -> None:
@@ -80,7 +81,6 @@ def test_an_old_heading_is_never_given(state: ViewState | None, waited_s: float)
     values = values_of(state, waited_s)
     for name in ("headingTrue", "headingMagnetic", "rateOfTurn", "position"):
         assert values[f"navigation.{name}"] is None
-    assert values[HEADING_NOTIFICATION]["state"] == "alarm"
 
 
 def test_an_old_course_is_never_given() -> None:
@@ -97,18 +97,26 @@ def test_an_invalid_heading_is_null_even_where_a_number_stands() -> None:
     assert values["navigation.position"] is not None
 
 
-@pytest.mark.parametrize(
-    ("mode", "state"), [("ok", "normal"), ("degraded", "alert"), ("dead-reckoning", "warn"), ("invalid", "alarm")]
-)
-def test_a_heading_that_is_not_ok_is_notified_and_cleared(mode: str, state: str) -> None:
-    notification = values_of(STATE._replace(estimate=ESTIMATE._replace(mode=mode)))[HEADING_NOTIFICATION]
-    assert notification["state"] == state
-    assert bool(notification["method"]) == (state != "normal")
-    assert notification["message"]
+def notification_of(*alarms: Alarm) -> dict[str, Any]:
+    (update,) = delta(STATE, 0.0, NOW, alarms)["updates"]
+    (value,) = [entry["value"] for entry in update["values"] if entry["path"] == HEADING_NOTIFICATION]
+    return dict(value)
+
+
+def test_alarms_are_notified_as_one_of_the_worst_state_and_cleared() -> None:
+    lost = Alarm(HEADING_INVALID, "alarm", "no heading: gps1 missing", 12.0)
+    odd = Alarm(SOURCES_DISAGREE, "warning", "the headings of gps2 and compass disagree", 3.0)
+    both = notification_of(lost, odd)
+    assert both["state"] == "alarm"
+    assert both["method"] == ["visual", "sound"]
+    assert both["message"] == "no heading: gps1 missing; the headings of gps2 and compass disagree"
+    assert notification_of(odd)["state"] == "warn"
+    assert notification_of(odd)["method"] == ["visual"]
+    assert notification_of() == {"state": "normal", "method": [], "message": "heading ok"}
 
 
 def test_simulated_data_are_marked_where_the_format_can() -> None:
-    message = delta(STATE._replace(simulated=True), 0.0, NOW)
+    message = delta(STATE._replace(simulated=True), 0.0, NOW, ())
     assert message["updates"][0]["$source"] == "tinyekf.simulated"
     assert values_of(STATE._replace(simulated=True))["navigation.gnss.methodQuality"] == "Simulator mode"
 
@@ -152,7 +160,7 @@ anything = st.floats(allow_nan=True, allow_infinity=True)
     st.floats(0.0, 2.0) | st.just(math.inf),
 )
 def test_every_state_is_strict_json_and_short(state: ViewState, waited_s: float) -> None:
-    line = json_line(delta(state, waited_s, NOW))
+    line = json_line(delta(state, waited_s, NOW, Alarms().update(state, waited_s)))
     assert line.endswith(b"\r\n")
     assert line.count(b"\n") == 1
 
@@ -177,4 +185,4 @@ def test_hello_names_the_vessel_by_a_lasting_identity() -> None:
 
 
 def test_listeners_of_our_own_get_the_vessels_name() -> None:
-    assert delta(STATE, 0.0, NOW, context=vessel_context())["context"] == hello(NOW)["self"]
+    assert delta(STATE, 0.0, NOW, (), context=vessel_context())["context"] == hello(NOW)["self"]

@@ -24,7 +24,7 @@ async def serve(feed: Feed, settings: Mapping[str, Any]) -> None:
             senders.append(datagrams.send)
         async for _ in feed.paced(settings["rate_hz"]):
             state = feed.state
-            line = json_line(delta(state, feed.age_s, datetime.now(UTC)))
+            line = json_line(delta(state, feed.age_s, datetime.now(UTC), feed.alarms))
             local_only = state is not None and state.simulated and not settings["allow_simulated"]
             for send in senders:
                 send(line, local_only=local_only)

@@ -9,13 +9,14 @@ from __future__ import annotations
 import hmac
 import json
 import uuid
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from functools import cache
 from math import isfinite, radians
 from pathlib import Path
 from typing import Any
 
+from tinyekf_py.alarms import Alarm
 from tinyekf_py.estimate import Estimate
 from tinyekf_py.view_state import MAX_ESTIMATE_AGE_S, Navigation, ViewState, current_estimate
 
@@ -30,13 +31,8 @@ _METHOD_QUALITY = {
     2: "DGNSS fix", 3: "Precise GNSS", 4: "RTK fixed integer", 5: "RTK float", 6: "Estimated (DR) mode",
     7: "Manual input", 8: "Simulator mode",
 }  # fmt: skip
-#: Mode of the heading -> state, ways to tell, and message of its notification.
-_MODE_NOTIFICATIONS = {
-    "ok": ("normal", (), "the heading is valid"),
-    "degraded": ("alert", ("visual",), "the heading is degraded: a sensor is missing, stopped or refused"),
-    "dead-reckoning": ("warn", ("visual", "sound"), "the heading is carried by the gyro alone"),
-    "invalid": ("alarm", ("visual", "sound"), "there is no valid heading"),
-}
+#: Severity of an alarm -> state of its notification, and the ways to tell.
+_STATES = {"warning": ("warn", ("visual",)), "alarm": ("alarm", ("visual", "sound"))}
 
 
 @cache
@@ -64,16 +60,19 @@ def hello(now_utc: datetime) -> dict[str, Any]:
     }
 
 
-def delta(state: ViewState | None, waited_s: float, now_utc: datetime, *, context: str = SELF) -> dict[str, Any]:
-    """All values and the notification of `state`, `waited_s` seconds after it was made, at the moment `now_utc`.
+def delta(
+    state: ViewState | None, waited_s: float, now_utc: datetime, alarms: Sequence[Alarm], *, context: str = SELF
+) -> dict[str, Any]:
+    """All values of `state`, `waited_s` seconds after it was made, at the moment `now_utc`, and the notification.
 
-    `context` is `SELF` for a Signal K server that takes them in, `vessel_context()` for listeners of our own.
+    `alarms` are those raised now, worst first; without any the notification says that all is normal. `context` is
+    `SELF` for a Signal K server that takes them in, `vessel_context()` for listeners of our own.
     """
     state = state or ViewState(None)
     estimate = current_estimate(state, waited_s)
     navigation = state.navigation if waited_s <= MAX_ESTIMATE_AGE_S else Navigation()
     age_s = state.estimate_age_s + waited_s if estimate is state.estimate else 0.0
-    values = {**_values(estimate, navigation, simulated=state.simulated), HEADING_NOTIFICATION: _notification(estimate)}
+    values = {**_values(estimate, navigation, simulated=state.simulated), HEADING_NOTIFICATION: _notification(alarms)}
     update = {
         "$source": SIMULATED_SOURCE if state.simulated else SOURCE,
         "timestamp": _timestamp(now_utc - timedelta(seconds=age_s)),
@@ -123,9 +122,12 @@ def _method_quality(estimate: Estimate, navigation: Navigation, *, simulated: bo
     return _METHOD_QUALITY.get(navigation.fix_quality, "GNSS Fix")
 
 
-def _notification(estimate: Estimate) -> dict[str, Any]:
-    state, method, message = _MODE_NOTIFICATIONS[estimate.mode]
-    return {"state": state, "method": list(method), "message": message}
+def _notification(alarms: Sequence[Alarm]) -> dict[str, Any]:
+    """One for all that is wrong with the heading, as the format has one notification for a value."""
+    if not alarms:
+        return {"state": "normal", "method": [], "message": "heading ok"}
+    state, method = _STATES[alarms[0].severity]
+    return {"state": state, "method": list(method), "message": "; ".join(alarm.text for alarm in alarms)}
 
 
 def _angle(degrees: float) -> float | None:

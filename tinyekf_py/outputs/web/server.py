@@ -93,7 +93,6 @@ async def _send_frames(site: Site) -> None:
         if len(site.page):
             site.page.send(text_frame(f'{{"state":{to_json(state_object(site.feed))}}}'))
         if len(site.signalk):
-            delta = signalk_delta.delta(
-                site.feed.state, site.feed.age_s, datetime.now(UTC), context=signalk_delta.vessel_context()
-            )
+            feed, now_utc, vessel = site.feed, datetime.now(UTC), signalk_delta.vessel_context()
+            delta = signalk_delta.delta(feed.state, feed.age_s, now_utc, feed.alarms, context=vessel)
             site.signalk.send(text_frame(to_json(delta)))

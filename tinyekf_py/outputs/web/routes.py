@@ -24,10 +24,11 @@ MAX_BODY = 1024  # bytes
 _STATIC = {
     "/": ("index.html", "text/html"),
     "/page.css": ("page.css", "text/css"),
-    "/page.js": ("page.js", "text/javascript"),
-    "/rose.js": ("rose.js", "text/javascript"),
-    "/charts.js": ("charts.js", "text/javascript"),
     "/icon.svg": ("icon.svg", "image/svg+xml"),
+    **{
+        f"/{name}.js": (f"{name}.js", "text/javascript")
+        for name in ("page", "words", "rose", "tiles", "charts", "sound")
+    },
 }
 _HEADERS = {
     "X-Content-Type-Options": "nosniff",

@@ -34,7 +34,7 @@ from acquisition.toml_value import toml_value
 
 MAGIC = b"#tinyekf-recording "
 VERSION = 1
-EVENT_VERBS = ("start", "stop", "restart")
+EVENT_VERBS = ("start", "stop", "restart", "lost")
 MAX_LINE = 1024  # bytes of a device's line
 MAX_JUMP_US = 60_000_000  # ahead, believed at once
 DAY_US = 86_400_000_000
@@ -62,7 +62,7 @@ class Line(NamedTuple):
 
 
 class Event(NamedTuple):
-    """A task that was started, stopped or restarted."""
+    """A task that was started, stopped or restarted, or a source whose port hung up."""
 
     t_us: int  #: microseconds since the recording's start
     verb: str

@@ -1,6 +1,7 @@
 #include "fusion.h"
 
 #include <math.h>
+#include <stddef.h>
 
 #include "angle.h"
 #include "cnw.h"
@@ -30,14 +31,18 @@ ekf_status_t fusion_init(fusion_t *fusion, const fusion_settings_t *settings)
     for (int i = 0; i < 5; i++) {
         finite += settings->deviation[i];
     }
+    for (int i = 0; i < SAMPLE_MAX_GPS; i++) {
+        finite += settings->adaptive.arm[i][0] + settings->adaptive.arm[i][1];
+    }
     for (int i = 0; i < 3; i++) {
-        finite += settings->mount[i][0] + settings->mount[i][1] + settings->mount[i][2];
+        finite += settings->mount[i][0] + settings->mount[i][1] + settings->mount[i][2] + settings->gyro_bias[i];
         if (!(settings->noise.q[i] >= 0.0 && settings->noise.r[i] > 0.0 && settings->noise.p0[i] > 0.0)) {
             return EKF_REFUSED;
         }
     }
-    if (!isfinite(finite) || settings->n_gps < 0 || settings->n_gps > SAMPLE_MAX_GPS || settings->ekf_gps < 0 ||
-        settings->ekf_gps >= SAMPLE_MAX_GPS) {
+    const double chance = settings->adaptive.current_chance;
+    if (!isfinite(finite) || !(chance > 0.0 && chance < 1.0) || settings->n_gps < 0 ||
+        settings->n_gps > SAMPLE_MAX_GPS || settings->ekf_gps < 0 || settings->ekf_gps >= SAMPLE_MAX_GPS) {
         return EKF_REFUSED;
     }
     *fusion = (fusion_t){
@@ -60,6 +65,8 @@ ekf_status_t fusion_init(fusion_t *fusion, const fusion_settings_t *settings)
     }
     source_clock_reset(&fusion->compass_clock);
     source_clock_reset(&fusion->imu_clock);
+    stuck_compass_reset(&fusion->compass_reading);
+    stuck_imu_reset(&fusion->imu_reading);
     attitude_reset(&fusion->attitude);
     adaptive_reset(&fusion->adaptive, &settings->adaptive);
     return EKF_ACCEPTED;
@@ -234,6 +241,10 @@ static fusion_verdict_t feed_compass(fusion_t *fusion, const sample_t *sample)
     if (!isfinite(heading)) {
         return FUSION_NO_VARIATION;
     }
+    if (stuck_compass_take(&fusion->compass_reading, sample->compass.heading_deg)) {
+        source_clock_lose(&fusion->compass_clock);
+        return FUSION_STUCK;
+    }
     source_clock_tick(&fusion->compass_clock, fusion->now_us);
     fusion->compass = heading;
     if (fusion->settings.method == FUSION_ADAPTIVE) {
@@ -252,10 +263,18 @@ static void turn_into_boat(const double mount[3][3], const double reading[3], do
 
 static fusion_verdict_t feed_imu(fusion_t *fusion, const sample_t *sample)
 {
+    if (stuck_imu_take(&fusion->imu_reading, &sample->imu, fusion->now_us)) {
+        source_clock_lose(&fusion->imu_clock);
+        return FUSION_STUCK;
+    }
     double gyro[3];
     double gravity[3];
+    double rates_dps[3];
+    for (int i = 0; i < 3; i++) {
+        rates_dps[i] = sample->imu.gyro_dps[i] - fusion->settings.gyro_bias[i];
+    }
     const double sign = fusion->settings.specific_force ? -1.0 : 1.0;
-    turn_into_boat((const double(*)[3])fusion->settings.mount, sample->imu.gyro_dps, ANGLE_DEGREE, gyro);
+    turn_into_boat((const double(*)[3])fusion->settings.mount, rates_dps, ANGLE_DEGREE, gyro);
     turn_into_boat((const double(*)[3])fusion->settings.mount, sample->imu.accel_g, sign, gravity);
 
     const int64_t before_us = fusion->imu_clock.last_us;
@@ -270,6 +289,7 @@ static fusion_verdict_t feed_imu(fusion_t *fusion, const sample_t *sample)
         const double change = (rate - fusion->rate) / fusion->rate_count;
         fusion->rate += change;
         adaptive_turn(&fusion->adaptive, fusion->now_us, fusion->rate_span * change, fusion->rate);
+        stuck_compass_turn(&fusion->compass_reading, fusion->rate_span * change, 0.0);
         for (int i = 0; i < fusion->settings.n_gps; i++) {
             heading_filter_turn(&fusion->filter[i], fusion->rate_span * change);
         }
@@ -279,18 +299,23 @@ static fusion_verdict_t feed_imu(fusion_t *fusion, const sample_t *sample)
     fusion->rate_count = 1;
     fusion->rate_span = fmin(since, longest_rate_span_s);
     adaptive_turn(&fusion->adaptive, fusion->now_us, rate * fusion->rate_span, rate);
+    stuck_compass_turn(&fusion->compass_reading, rate * fusion->rate_span, fusion->rate_span);
     for (int i = 0; i < fusion->settings.n_gps; i++) {
         advance(fusion, i, receiver_speed(&fusion->gps[i], fusion->now_us));
     }
     return FUSION_TAKEN;
 }
 
-static int is_stopped(const fusion_t *fusion, int source)
+/* The clock of a source; null where there is no such source. */
+static source_clock_t *clock_of(fusion_t *fusion, int source)
 {
-    if (source < SAMPLE_MAX_GPS) {
-        return fusion->gps[source].clock.stopped;
+    if (source >= 0 && source < SAMPLE_MAX_GPS) {
+        return &fusion->gps[source].clock;
     }
-    return source == SAMPLE_COMPASS ? fusion->compass_clock.stopped : fusion->imu_clock.stopped;
+    if (source == SAMPLE_COMPASS) {
+        return &fusion->compass_clock;
+    }
+    return source == SAMPLE_IMU ? &fusion->imu_clock : NULL;
 }
 
 static fusion_verdict_t judge(fusion_t *fusion, const sample_t *sample)
@@ -301,7 +326,7 @@ static fusion_verdict_t judge(fusion_t *fusion, const sample_t *sample)
           (source == SAMPLE_IMU && settings->has_imu))) {
         return FUSION_UNKNOWN;
     }
-    if (is_stopped(fusion, source)) {
+    if (clock_of(fusion, source)->stopped) {
         return FUSION_STOPPED;
     }
     if (fusion->now_us == SOURCE_NEVER) {
@@ -368,11 +393,16 @@ void fusion_set_task(fusion_t *fusion, int task, int running)
 
 void fusion_set_poll(fusion_t *fusion, int source, int running)
 {
-    if (source >= 0 && source < SAMPLE_MAX_GPS) {
-        fusion->gps[source].clock.stopped = !running;
-    } else if (source == SAMPLE_COMPASS) {
-        fusion->compass_clock.stopped = !running;
-    } else if (source == SAMPLE_IMU) {
-        fusion->imu_clock.stopped = !running;
+    source_clock_t *clock = clock_of(fusion, source);
+    if (clock) {
+        clock->stopped = !running;
+    }
+}
+
+void fusion_lose(fusion_t *fusion, int source)
+{
+    source_clock_t *clock = clock_of(fusion, source);
+    if (clock) {
+        source_clock_lose(clock);
     }
 }

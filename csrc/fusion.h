@@ -11,6 +11,7 @@
 #include "receiver.h"
 #include "sample.h"
 #include "source_clock.h"
+#include "stuck.h"
 
 #define FUSION_GRID_US 100000 /* one row every 100 ms */
 
@@ -43,6 +44,7 @@ typedef struct {
     double variation;    /* rad, east positive; NaN: from the sentences */
     int wants_variation; /* ask for the variation where the boat is (fusion_t.variation_wanted) */
     double mount[3][3];  /* turns the IMU's axes into the boat's */
+    double gyro_bias[3]; /* deg/s, taken off the gyro's readings in its own axes */
     int specific_force;  /* the accelerometer shows (0, 0, -1) at rest instead of (0, 0, +1) */
     double max_sigma;    /* rad: a less certain heading is invalid */
     heading_noise_t noise;
@@ -76,7 +78,8 @@ typedef enum {
     FUSION_BACKWARDS = 3,    /* more than a second older than the newest */
     FUSION_INCOMPLETE = 4,   /* nothing in it that counts (an IMU without rates, a compass without heading) */
     FUSION_NO_VARIATION = 5, /* a compass heading that cannot be made true yet */
-    FUSION_VERDICTS = 6
+    FUSION_STUCK = 6,        /* a compass or an IMU that repeats itself where it cannot */
+    FUSION_VERDICTS = 7
 } fusion_verdict_t;
 
 typedef struct {
@@ -89,9 +92,11 @@ typedef struct {
     int compass_filter; /* no receiver is configured: the first filter runs without one */
 
     source_clock_t compass_clock;
+    stuck_compass_t compass_reading;
     double compass; /* true heading, rad */
 
     source_clock_t imu_clock;
+    stuck_imu_t imu_reading;
     attitude_t attitude;
     double rate;      /* yaw rate, rad/s: the last one, or the mean of those sharing the last stamp */
     double rate_span; /* s: the interval that those rates share */
@@ -137,6 +142,13 @@ void fusion_set_task(fusion_t *fusion, int task, int running);
 
 /* Starts or stops the poll of a source. */
 void fusion_set_poll(fusion_t *fusion, int source, int running);
+
+/* The port of a source hung up: it is not fresh from now on until its next sample. */
+void fusion_lose(fusion_t *fusion, int source);
+
+/* Mean normalised innovation squared of the headings taken so far: by the papers' filters, or by adaptive's likelier one
+ * (of compass and velocity across the course). NaN before the first. */
+double fusion_mean_nis(const fusion_t *fusion);
 
 /* GPSEC_yaw of stage 2 at a moment, rad; NaN: none. */
 double fusion_gpsec(const fusion_t *fusion, int64_t now_us);

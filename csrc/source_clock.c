@@ -8,16 +8,24 @@ static const int64_t least_patience_us = 1000000;
 
 void source_clock_reset(source_clock_t *clock)
 {
-    *clock = (source_clock_t){.last_us = SOURCE_NEVER, .period_us = usual_period_us};
+    *clock = (source_clock_t){.last_us = SOURCE_NEVER, .interval_us = usual_period_us, .period_us = usual_period_us};
 }
 
 void source_clock_tick(source_clock_t *clock, int64_t t_us)
 {
-    if (clock->last_us != SOURCE_NEVER) {
-        const int64_t interval = t_us - clock->last_us;
-        clock->period_us = interval < longest_period_us ? interval : longest_period_us;
+    clock->lost = 0;
+    if (clock->last_us != SOURCE_NEVER && t_us > clock->last_us) {
+        const int64_t since = t_us - clock->last_us;
+        const int64_t interval = since < longest_period_us ? since : longest_period_us;
+        clock->period_us = interval > clock->interval_us ? interval : clock->interval_us;
+        clock->interval_us = interval;
     }
     clock->last_us = t_us;
+}
+
+void source_clock_lose(source_clock_t *clock)
+{
+    clock->lost = 1;
 }
 
 int64_t source_clock_patience_us(const source_clock_t *clock)
@@ -28,7 +36,7 @@ int64_t source_clock_patience_us(const source_clock_t *clock)
 
 int source_clock_is_fresh(const source_clock_t *clock, int64_t now_us)
 {
-    return !clock->stopped && clock->last_us != SOURCE_NEVER &&
+    return !clock->stopped && !clock->lost && clock->last_us != SOURCE_NEVER &&
            now_us - clock->last_us <= source_clock_patience_us(clock);
 }
 

@@ -14,11 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from acquisition.recording import Event
 from acquisition.sample import COMPASS, IMU, MAX_GPS, SAMPLE_SIZE, SOURCES, Sample
 from tinyekf_py._core import ffi, lib
 from tinyekf_py.config import PAPER_Q, PAPER_R, CompassConfig, Config, ImuConfig
 from tinyekf_py.estimate import Estimate
 from tinyekf_py.estimate_array import estimates_to_array
+from tinyekf_py.fusion_config import AdaptiveConfig
 from tinyekf_py.variation import VariationError, variation_deg
 
 METHODS = {
@@ -43,12 +45,14 @@ _MODES = {
     lib.FUSION_GPS: "gps",
     lib.FUSION_INVALID: "invalid",
 }
+_ADAPTIVE = AdaptiveConfig()
 _NEVER = -(2**63)  # SOURCE_NEVER
 _ROWS = 1024  # taken from C at a time
 #: Verdict -> from how many samples on it is worth telling (the first fix brings the variation), and what is told.
 _REFUSALS = {
     lib.FUSION_NO_VARIATION: (20, "compass not used: the magnetic variation is unknown; set vessel.variation_deg"),
     lib.FUSION_BACKWARDS: (1, "samples dropped: their time runs backwards"),
+    lib.FUSION_STUCK: (1, "compass or IMU not used while it sticks at one value"),
 }
 
 
@@ -73,6 +77,9 @@ class HeadingFusion:
         q: Sequence[float] = PAPER_Q,
         r: Sequence[float] = PAPER_R,
         latency_ms: Mapping[str, float] | None = None,
+        gyro_bias_dps: Sequence[float] = (0.0, 0.0, 0.0),
+        antennas_m: Sequence[Sequence[float]] = (),
+        adaptive: AdaptiveConfig = _ADAPTIVE,
     ) -> None:
         """`sources` are the sensors aboard; `n_gps` = N is short for gps1 to gpsN in their place.
 
@@ -80,6 +87,9 @@ class HeadingFusion:
         `deviation_deg`: A to E of the compass. `mount_deg`: roll, pitch, yaw of the rotation that turns the IMU's
         axes into the boat's. `accel`: "gravity" or "specific-force". `ekf_gps`: whose filter `cnw-ekf` runs.
         `latency_ms`: by source, from the moment measured to the stamp, where it is not the usual (`adaptive` alone).
+        `gyro_bias_dps`: taken off the gyro's readings, about its own x, y and z. `antennas_m`: [ahead, to starboard] of
+        gps1, gps2, ... against the boat's reference point, and `adaptive`: what that method, the only one that uses
+        both, believes beforehand.
         `q` (per second), `r`: noise of the papers' filters, [north m^2, east m^2, heading degrees^2].
         ValueError for what is unknown or out of range.
         """
@@ -115,6 +125,13 @@ class HeadingFusion:
         settings.max_sigma = math.radians(max_sigma_deg)
         for source, latency in (latency_ms or {}).items():
             settings.adaptive.latency_s[SOURCES[source]] = latency * 1e-3
+        settings.gyro_bias = list(gyro_bias_dps)
+        for arm, antenna_m in zip(settings.adaptive.arm, antennas_m, strict=False):
+            arm[0], arm[1] = antenna_m
+        settings.adaptive.current_chance = adaptive.current_chance
+        settings.adaptive.unmodelled = math.radians(adaptive.leeway_deg)
+        settings.adaptive.noise.current[lib.ADAPTIVE_CURRENTED] = adaptive.current_mps
+        settings.adaptive.noise.deviation = [math.radians(sigma) for sigma in adaptive.deviation_sigma_deg]
         self._fusion = ffi.new("fusion_t *")
         if lib.fusion_init(self._fusion, settings) != lib.EKF_ACCEPTED:
             raise ValueError("a number among the fusion's options is not finite or out of range")
@@ -160,13 +177,29 @@ class HeadingFusion:
         """
         if name not in STAGES and name not in SOURCES:
             raise ValueError(f"task {name!r}; there are {', '.join((*SOURCES, *STAGES))}")
-        rows = []
-        while lib.fusion_next_row(self._fusion, t_us, self._rows):
-            rows.append(self._estimate_of(self._rows[0]))
+        rows = self._rows_before(t_us)
         if name in STAGES:
             lib.fusion_set_task(self._fusion, STAGES[name], running)
         else:
             lib.fusion_set_poll(self._fusion, SOURCES[name], running)
+        return rows
+
+    def lose(self, t_us: int, source: str) -> list[Estimate]:
+        """Take a source for gone from `t_us` until its next sample: its port hung up. The rows due before it."""
+        rows = self._rows_before(t_us)
+        lib.fusion_lose(self._fusion, SOURCES[source])
+        return rows
+
+    def obey(self, event: Event) -> list[Estimate]:
+        """Do what an event of a recording says (start or stop a task, lose a source); the rows due before it."""
+        if event.verb == "lost":
+            return self.lose(event.t_us, event.name)
+        return self.set_task(event.t_us, event.name, event.verb == "start")
+
+    def _rows_before(self, t_us: int) -> list[Estimate]:
+        rows = []
+        while lib.fusion_next_row(self._fusion, t_us, self._rows):
+            rows.append(self._estimate_of(self._rows[0]))
         return rows
 
     @property
@@ -225,9 +258,18 @@ class HeadingFusion:
         return math.degrees(math.sqrt(noise.compass**2 + a * a + (b * b + c * c + d * d + e * e) / 2.0))
 
     @property
+    def mean_nis(self) -> float:
+        """Mean normalised innovation squared of the headings taken so far, 1 when the filters' noise is honest.
+
+        Of all the papers' filters, or of adaptive's compass readings and courses: its noise holds what errors have in
+        common from one reading to the next, so its mean is well below 1. NaN before the first.
+        """
+        return float(lib.fusion_mean_nis(self._fusion))
+
+    @property
     def verdicts(self) -> dict[str, int]:
         """How many samples were taken, and not taken, by reason."""
-        names = ("taken", "stopped", "unknown-source", "backwards", "incomplete", "no-variation")
+        names = ("taken", "stopped", "unknown-source", "backwards", "incomplete", "no-variation", "stuck")
         return dict(zip(names, self._fusion.verdicts, strict=True))
 
     def take_notices(self) -> list[str]:
@@ -300,6 +342,9 @@ def fusion_of(config: Config) -> HeadingFusion:
         q=config.fusion.q,
         r=config.fusion.r,
         latency_ms={name: config.sensors[name].latency_ms for name in config.sources},
+        gyro_bias_dps=imu.gyro_bias_dps if isinstance(imu, ImuConfig) else (0.0,) * 3,
+        antennas_m=config.vessel.antennas_m,
+        adaptive=config.fusion.adaptive,
     )
 
 

@@ -19,7 +19,7 @@ from datetime import UTC, datetime
 
 from acquisition.background_file import Rotation
 from acquisition.device import DeviceSettings, DeviceState
-from acquisition.message import LINE, RESTART
+from acquisition.message import LINE, LOST, PORT, RESTART
 from acquisition.plug_monitor import open_plug_monitor
 from acquisition.recording import RecordingWriter
 from acquisition.supervisor import Supervisor
@@ -125,6 +125,8 @@ class LiveRun:
                         self._take(name, message.samples)
                 elif message.kind == RESTART and recording is not None:
                     recording.event(message.t_us, "restart", name)
+                elif message.kind == PORT and message.text.startswith(f"{LOST} "):
+                    self._lose(message.t_us, name)
             while not self._requests.empty():
                 request = self._requests.get()
                 request.answer.put(self._answer(request.words, supervisor))
@@ -152,6 +154,12 @@ class LiveRun:
         elif words != ("status",):
             return {"error": f"{' '.join(words)!r} is no request; say status, start TASK or stop TASK"}
         return self._status(supervisor.states)
+
+    def _lose(self, t_us: int, name: str) -> None:
+        """A port hung up: tell the fusion, and say so at the same place of the recording."""
+        if self._recording is not None:
+            self._recording.event(t_us, LOST, name)
+        self._put_out(self._fusion.lose(t_us, name))
 
     def _switch(self, t_us: int, name: str, *, running: bool) -> None:
         """Start or stop a task in the fusion, and say so at the same place of the recording."""

@@ -73,10 +73,10 @@ class Replay:
     def __iter__(self) -> Iterator[list[Estimate]]:
         """Lists of rows, oldest first, as they fall due."""
         for part in self.parts():
-            yield self._obey(part) if isinstance(part, Event) else self.fusion.feed_records(part)
+            yield self.fusion.obey(part) if isinstance(part, Event) else self.fusion.feed_records(part)
 
     def parts(self) -> Iterator[bytes | Event]:
-        """What fusion is to be fed, in order: packed samples, many at a time, and the task switches between them."""
+        """What fusion is to be fed, in order: packed samples, many at a time, and the events between them."""
         records: list[bytes] = []
         decode_of = {name: decoder.decode for name, decoder in self._decoders.items()}
         for entry in self.reader:
@@ -104,13 +104,10 @@ class Replay:
             self._renew(name)
 
     def _knows(self, event: Event) -> bool:
-        """Whether there is such a task; a damaged name is counted among what the reader dropped."""
-        known = event.name in STAGES or event.name in SOURCES
+        """Whether there is such a task or source; a damaged name is counted among what the reader dropped."""
+        known = event.name in SOURCES or (event.name in STAGES and event.verb != "lost")
         self.reader.dropped["unknown task"] += not known
         return known
-
-    def _obey(self, event: Event) -> list[Estimate]:
-        return self.fusion.set_task(event.t_us, event.name, event.verb == "start")
 
     def paced(self, speed: float, wait: Callable[[float], bool]) -> Iterator[list[Estimate]]:
         """The rows one by one at `speed` times real time; `wait(seconds)` waits, and says True to end early."""
@@ -130,7 +127,7 @@ class Replay:
                 if entry.verb == "restart":
                     self._restart(entry.name)
                 elif self._knows(entry):
-                    yield self._obey(entry)
+                    yield self.fusion.obey(entry)
             elif entry.source in self._decoders:
                 samples = self._decoders[entry.source].decode(entry.t_us, entry.line)
                 if samples:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-from boat import TaskSwitch
+from boat import Loss, TaskSwitch
 from cases import FUNCTIONS, MAX_HEADINGS, Table
 from make_cases import RECORDING, sources_of
 from numpy.typing import NDArray
@@ -209,6 +209,10 @@ def core_rows(stream: Stream, method: str) -> list[tuple[float, ...]]:
             estimates += fusion.feed_records(bytes(waiting))
             waiting.clear()
             estimates += fusion.set_task(item.t_us, item.name, item.running)
+        elif isinstance(item, Loss):
+            estimates += fusion.feed_records(bytes(waiting))
+            waiting.clear()
+            estimates += fusion.lose(item.t_us, item.name)
         else:
             waiting += item.pack()
     estimates += fusion.feed_records(bytes(waiting))

@@ -28,7 +28,14 @@ class TaskSwitch(NamedTuple):
     running: bool
 
 
-Item = Sample | TaskSwitch
+class Loss(NamedTuple):
+    """A port hung up between two samples."""
+
+    t_us: int
+    name: str
+
+
+Item = Sample | TaskSwitch | Loss
 
 
 @dataclass(frozen=True, slots=True)

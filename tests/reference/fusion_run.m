@@ -2,7 +2,8 @@ function rows = fusion_run(method, samples, tasks, o)
 % FUSION_RUN  The papers' post-processing: a table of samples to heading rows, ten a second.
 %   METHOD is 'cnw-ekf', 'cnw3' or 'ekf-ci'. SAMPLES has one row a sample, in order of arrival, with the columns below.
 %   TASKS has one row a switch: [t_us task running before], where BEFORE is the row of SAMPLES it precedes and the task
-%   is a number: 0 to 7 polls gps1 to gps8, 8 the compass, 9 the IMU; 11 to 13 stages 1 to 3; 21 to 28 the filters.
+%   is a number: 0 to 7 polls gps1 to gps8, 8 the compass, 9 the IMU; 11 to 13 stages 1 to 3; 21 to 28 the filters;
+%   30 to 39 is no task: the source of that number less 30 is lost.
 %   O holds the options, see fusion_options. ROWS has the columns of heading_columns(o.n_gps): angles in degrees,
 %   mode 0 invalid, 1 dead-reckoning, 2 degraded, 3 ok; pos_mode 0 invalid, 1 dead-reckoning, 2 gps; NaN is missing.
 %   The rules are those of docs/fusion.md. Times are microseconds, held exactly by a double.
@@ -58,7 +59,9 @@ function s = start_state(o, method)
   % sources 1 to 8 the GPS, 9 the compass, 10 the IMU
   s.source_on = true(1, 10);
   s.last = -Inf(1, 10);       % stamp of the last sample that refreshed the source
-  s.period = NaN(1, 10);
+  s.interval = repmat(1e5, 1, 10);
+  s.period = repmat(1e5, 1, 10);
+  s.lost = false(1, 10);
   s.stage_on = true(1, 3);
   s.filter_on = true(1, n);
   % GPS
@@ -75,6 +78,12 @@ function s = start_state(o, method)
   s.origin = [NaN NaN];
   % compass, IMU
   s.compass = NaN;            % true heading, deg
+  s.compass_reading = NaN;    % deg, as it came
+  s.compass_turned = 0;       % rad, by the gyro since that reading first came, forgotten within 10 s
+  s.compass_stuck = false;
+  s.imu_reading = NaN(6, 1);
+  s.imu_same = 0;             % samples with that reading
+  s.imu_since = NaN;          % stamp of the first of them
   s.rate = 0;                 % rad/s
   s.attitude = [0 0 0 1];
   s.burst = 0;                % samples of this stamp so far
@@ -100,6 +109,8 @@ function s = switch_task(s, task, running)
     s.source_on(task + 1) = running;
   elseif task <= 13
     s.stage_on(task - 10) = running;
+  elseif task >= 30
+    s.lost(task - 29) = true;
   else
     s.filter_on(task - 20) = running;
     if ~running
@@ -109,14 +120,15 @@ function s = switch_task(s, task, running)
 end
 
 function is = fresh(s, source, t)
-  is = s.source_on(source) && t - s.last(source) <= max(3*s.period(source), 1e6);
+  is = s.source_on(source) && ~s.lost(source) && t - s.last(source) <= max(3*s.period(source), 1e6);
 end
 
 function s = refresh(s, source, t)
-  if s.last(source) == -Inf
-    s.period(source) = 1e5;
-  else
-    s.period(source) = min(t - s.last(source), 2e6);
+  s.lost(source) = false;
+  if s.last(source) > -Inf && t > s.last(source)
+    interval = min(t - s.last(source), 2e6);
+    s.period(source) = max(interval, s.interval(source));
+    s.interval(source) = interval;
   end
   s.last(source) = t;
 end
@@ -124,6 +136,18 @@ end
 % ---- samples --------------------------------------------------------------------------------------------------------
 
 function s = take_imu(s, t, gyro_dps, accel_g, o)
+  reading = [gyro_dps; accel_g];
+  if isequal(reading, s.imu_reading)   % never so with a NaN
+    s.imu_same = s.imu_same + 1;
+  else
+    s.imu_reading = reading;
+    s.imu_same = 1;
+    s.imu_since = t;
+  end
+  if s.imu_same >= 20 && t - s.imu_since >= 1e6
+    s.lost(10) = true;
+    return
+  end
   if ~all(isfinite(gyro_dps))
     return
   end
@@ -145,6 +169,7 @@ function s = take_imu(s, t, gyro_dps, accel_g, o)
     s.burst = s.burst + 1;
     change = (r - s.rate) / s.burst;
     s.rate = s.rate + change;
+    s.compass_turned = s.compass_turned + s.burst_interval*change;
     for j = find(s.running)
       s.x(3, j) = wrap_pi(s.x(3, j) + s.burst_interval*change);
     end
@@ -152,6 +177,8 @@ function s = take_imu(s, t, gyro_dps, accel_g, o)
     s.burst = 1;
     s.burst_interval = min(dt, 1);
     s.rate = r;
+    span = s.burst_interval;
+    s.compass_turned = s.compass_turned + r*span - s.compass_turned*span/10;
     s = advance(s, find(s.running), t);
   end
 end
@@ -159,6 +186,16 @@ end
 function s = take_compass(s, t, reference, heading_deg, deviation_deg, variation_deg, o)
   true_deg = compass_true(reference, heading_deg, deviation_deg, variation_deg, o, s.variation);
   if ~isfinite(true_deg)
+    return
+  end
+  if heading_deg ~= s.compass_reading
+    s.compass_reading = heading_deg;
+    s.compass_turned = 0;
+    s.compass_stuck = false;
+  end
+  s.compass_stuck = s.compass_stuck || abs(s.compass_turned) > 10*pi/180;
+  if s.compass_stuck
+    s.lost(9) = true;
     return
   end
   s.compass = true_deg;

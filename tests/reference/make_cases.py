@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
+from boat import Loss
 from cases import FUNCTIONS
 from streams import STREAMS, Options, Stream
 from ten_minutes import VARIATION_DEG, checksum, ten_minutes
@@ -91,6 +92,8 @@ def write_stream(folder: Path, stream: Stream) -> None:
     for item in stream.items():
         if isinstance(item, GpsSample | CompassSample | ImuSample):
             samples.append(sample_row(item))
+        elif isinstance(item, Loss):
+            switches.append((item.t_us, 30 + SOURCES[item.name], 0.0, len(samples) + 1))
         else:
             switches.append((item.t_us, TASKS[item.name], float(item.running), len(samples) + 1))
     write_csv(folder / f"{stream.name}_samples.csv", SAMPLE_COLUMNS, samples)

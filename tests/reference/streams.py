@@ -10,7 +10,7 @@ import random
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from boat import NAN, Boat, Item, TaskSwitch, sail, turn
+from boat import NAN, Boat, Item, Loss, TaskSwitch, sail, turn
 
 from acquisition.sample import COMPASS, IMU, REFERENCE_TRUE, CompassSample, GpsSample, ImuSample, Sample
 
@@ -292,6 +292,35 @@ def at_rest() -> list[Item]:
     return [bent(s) for s in sail(Boat(122, duration_s=20.0, speed_mps=0.1, rate_dps=turn(0.2)))]
 
 
+def sticking() -> list[Item]:
+    """Compass and IMU stick at one value, in a turn and bursts; a receiver and the compass are lost for a while."""
+    last: dict[int, Sample] = {}
+    items: list[Item] = []
+    samples = sail(Boat(125, duration_s=36.0, rate_dps=lambda t_s: 6.0 if t_s < 26.0 else 0.0))
+    for s in _without(samples, lambda s: (s.source == 1 and _between(27, 30, s)) or _between(33, 34.2, s)):
+        held = s.source == COMPASS and (_between(6, 12, s) or _between(27, 36, s))
+        held = held or (s.source == IMU and (_between(14, 18, s) or _between(19, 19.9, s)))
+        same = last[s.source]._replace(t_us=s.t_us) if held else s
+        last[s.source] = same
+        burst = s.source == IMU and _between(5, 9, s)
+        items.append(same._replace(t_us=s.t_us // 30_000 * 30_000 + 20_000) if burst else same)
+    losses = [Loss(27_050_000, "gps2"), Loss(31_234_567, "compass"), Loss(33_000_000, "imu"), Loss(34_000_000, "gps1")]
+    return sorted([*items, *losses], key=lambda item: item.t_us)
+
+
+def pairs() -> list[Item]:
+    """1 Hz receivers whose epochs come two or three to a read, or one late and the next early."""
+    items: list[Item] = []
+    for s in sail(Boat(126, gps_period_us=1_000_000, compass=False)):
+        second = s.t_us // 1_000_000
+        late_s = 0
+        if isinstance(s, GpsSample):
+            late_s = (1 if second % 4 == 1 else 0, 2 - second % 3, 0)[s.source]
+        late_us = late_s * 1_000_000 - (40_000 if s.source == 0 and late_s else 0)
+        items.append(s._replace(t_us=s.t_us + late_us))
+    return sorted(items, key=lambda item: item.t_us)
+
+
 def opposed() -> list[Item]:
     """Two receivers sail exactly opposite ways on the equator with equal weights: the mean cancels."""
     items: list[Item] = []
@@ -343,6 +372,8 @@ STREAMS: tuple[Stream, ...] = (
     Stream("origin_move", origin_move),
     Stream("qualities", qualities),
     Stream("at_rest", at_rest, methods=("cnw3",)),
+    Stream("sticking", sticking, methods=ALL_METHODS),
+    Stream("pairs", pairs, methods=("cnw3",)),
     Stream("opposed", opposed, Options(n_gps=2), methods=("cnw3", "cnw-ekf")),
     Stream(
         "five_gps",

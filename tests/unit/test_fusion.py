@@ -37,7 +37,8 @@ def boat(
         east += SPEED_MPS / 100 * math.sin(math.radians(heading))
         t_us = tick * 10_000 + 3000
         if imu:
-            yield ImuSample(t_us, IMU, 0, 0, 0, 0, 0, 0, rate, 0, 0, 1)
+            noise = 1e-3 * (t_us // 10_000 % 2)  # one that repeats itself is taken for stuck
+            yield ImuSample(t_us, IMU, 0, 0, 0, 0, 0, 0, rate, 0, 0, 1 + noise)
         if tick % 10 == 5:
             for i in gps:
                 lat, lon = 36 + north / 110_950, 126 + east / 90_000
@@ -270,3 +271,59 @@ def test_any_number_of_receivers_works() -> None:
     row = rows_of(gap, boat(10, heading_deg=45.0))[-1]
     assert row.mode == "ok"
     assert math.isnan(row.weights[1])
+
+
+def test_two_epochs_of_one_read_do_not_make_a_slow_receiver_stale() -> None:
+    fusion = HeadingFusion(sources=("gps1",))
+    stamps_s = [0.0, 1.0, 2.0, 4.0, 4.0, 5.05, 6.0, 6.99, 7.0, 8.05, 9.0]  # 3 s with 4 s; 7 s early behind 6 s
+    samples = [
+        GpsSample(round(t_s * 1e6), 0, 2, 1.79e9 + n, 36.0 + 3e-5 * n, 126.0, 0, SPEED_MPS, 0.0, 1.0)
+        for n, t_s in enumerate(stamps_s)
+    ]
+    rows = rows_of(fusion, iter(samples))
+    assert {row.mode for row in rows if row.t_us > 2_000_000} == {"ok"}
+
+
+def stuck(samples: Iterator[Sample], source: int, from_s: float, to_s: float) -> Iterator[Sample]:
+    """The samples of a boat, those of one source repeated from a moment to another."""
+    last: dict[int, Sample] = {}
+    for sample in samples:
+        if sample.source == source and from_s <= sample.t_us / 1e6 < to_s:
+            yield last[source]._replace(t_us=sample.t_us)
+        else:
+            last[sample.source] = sample
+            yield sample
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("source", "within_s"), [(IMU, 1.3), (COMPASS, 3.0)])
+def test_a_sensor_that_sticks_is_not_used_and_its_heading_not_called_ok(
+    method: str, source: int, within_s: float
+) -> None:
+    fusion = HeadingFusion(method)
+    rows = rows_of(fusion, stuck(boat(30, heading_deg=0.0, swing_deg=40.0), source, 10.0, 20.0))
+    modes = {row.t_us / 1e6: row.mode for row in rows}
+    assert {mode for t_s, mode in modes.items() if 5.0 < t_s < 10.0} == {"ok"}
+    noticed = min(t_s for t_s, mode in modes.items() if t_s > 10.0 and mode == "degraded")
+    assert noticed < 10.0 + within_s
+    assert {mode for t_s, mode in modes.items() if noticed <= t_s < 20.0} == {"degraded"}
+    assert {mode for t_s, mode in modes.items() if t_s > 20.3} == {"ok"}
+    assert fusion.verdicts["stuck"] > 50
+    assert "sticks at one value" in fusion.take_notices()[0]
+
+
+def test_a_compass_that_repeats_itself_on_a_steady_course_is_believed() -> None:
+    fusion = HeadingFusion()
+    samples = boat(120, heading_deg=33.3)
+    drifting = (s._replace(gyro_z_dps=0.8) if isinstance(s, ImuSample) else s for s in samples)  # a poor gyro's bias
+    assert {row.mode for row in rows_of(fusion, drifting)[20:]} == {"ok"}
+
+
+def test_a_lost_source_is_missing_at_once_until_it_speaks_again() -> None:
+    fusion = HeadingFusion()
+    rows_of(fusion, boat(5))
+    fusion.lose(5_000_000, "gps2")
+    at_once = fusion.estimate_at(5_000_000)
+    assert (at_once.mode, at_once.weights[1]) == ("degraded", 0.0)
+    assert {row.mode for row in rows_of(fusion, boat(2, gps=(0, 2), start_s=5))} == {"degraded"}
+    assert rows_of(fusion, boat(2, start_s=7))[-1].mode == "ok"

@@ -39,7 +39,10 @@ class Decoded:
         for part in self.parts:
             if isinstance(part, Event):
                 number = SOURCES.get(part.name, -1)
-                (stopped.discard if part.verb == "start" else stopped.add)(number)
+                if part.verb == "stop":
+                    stopped.add(number)
+                elif part.verb == "start":
+                    stopped.discard(number)
             else:
                 chunk = np.frombuffer(part, sample_dtype)
                 chunks.append(chunk[~np.isin(chunk["source"], list(stopped))] if stopped else chunk)

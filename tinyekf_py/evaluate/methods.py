@@ -34,7 +34,7 @@ def run_fusion(decoded: Decoded, method: str) -> Outcome:
     rows = []
     for part in decoded.parts:
         if isinstance(part, Event):
-            rows += fusion.set_task(part.t_us, part.name, part.verb == "start")
+            rows += fusion.obey(part)
         else:
             rows += fusion.feed_records(part)
     seconds = time.perf_counter() - began
@@ -49,7 +49,7 @@ def run_fusion(decoded: Decoded, method: str) -> Outcome:
         table["lat_deg"],
         table["lon_deg"],
         weights,
-        float(getattr(fusion, "mean_nis", np.nan)),
+        fusion.mean_nis,
     )
 
 

@@ -54,7 +54,7 @@ def processing_times(decoded: Decoded, methods: tuple[str, ...]) -> dict[str, fl
             began = time.perf_counter()
             for part in decoded.parts:
                 if isinstance(part, Event):
-                    fusion.set_task(part.t_us, part.name, part.verb == "start")
+                    fusion.obey(part)
                 else:
                     fusion.consume(part)
             best = min(best, time.perf_counter() - began)

@@ -89,7 +89,7 @@ export function drawHeadings(canvas, points, sensors) {
     pen.strokeStyle = colour("line");
     pen.beginPath(); pen.moveTo(LEFT, Math.round(y(v)) + 0.5); pen.lineTo(width - RIGHT, Math.round(y(v)) + 0.5); pen.stroke();
     pen.fillStyle = colour("quiet");
-    pen.fillText(String((((v % 360) + 360) % 360)).padStart(3, "0"), LEFT - 5, y(v));
+    pen.fillText(String((((v % 360) + 360) % 360)).padStart(3, "0"), LEFT - 5, Math.max(7, y(v)));
   }
   pen.save();
   pen.beginPath(); pen.rect(LEFT, 0, width - LEFT - RIGHT, height - foot); pen.clip();
@@ -140,10 +140,11 @@ export function drawWeights(canvas, points, sensors) {
     for (let k = 0; k < points.length; k++) {
       const weight = points[k].weight[i];
       if (!weight) continue;
-      const from = x(points[k].t), to = k + 1 < points.length && points[k + 1].t - points[k].t < GAP_S ? x(points[k + 1].t) : from + 1;
-      const top = floor - (weight / 3) * tall;
-      pen.globalAlpha = 0.35; pen.fillRect(from, top, Math.min(to, right) - from + 0.5, floor - top);
-      pen.globalAlpha = 1; pen.fillRect(from, top, Math.min(to, right) - from + 0.5, 2);
+      const next = points[k + 1];
+      const from = Math.round(x(points[k].t)), to = next && next.t - points[k].t < GAP_S ? Math.round(x(next.t)) : from + 1;
+      const top = Math.round(floor - (weight / 3) * tall), wide = Math.min(to, right) - from;
+      pen.globalAlpha = 0.35; pen.fillRect(from, top, wide, floor - top);
+      pen.globalAlpha = 1; pen.fillRect(from, top, wide, 2);
     }
     const now = points.at(-1).weight[i];
     return now === null || now === undefined ? "---" : String(now);

@@ -4,7 +4,7 @@ import { drawErrors, drawHeadings, drawTrack, drawWeights } from "./charts.js";
 import { Rose } from "./rose.js";
 import { Sounder } from "./sound.js";
 import { TaskButtons, Tiles } from "./tiles.js";
-import { MAX_SENSOR_AGE_S, MODES, NONE, elapsedText, headingText, knots, known, positionText, put, turnText } from "./words.js";
+import { MAX_SENSOR_AGE_S, MODES, NONE, elapsedText, headingText, knots, known, positionText, put, turnSide, turnText } from "./words.js";
 
 const SILENCE_MS = 2000;   // without a message for so long, the connection counts as lost
 const LATE_S = 2;          // data that come so late do too
@@ -63,6 +63,7 @@ function take(message) {
   } else if (message.state) {
     note(message.state);
     state = message.state;
+    if (!state.is_stale && state.estimate.mode !== "invalid") validAt = heardAt;
     show();
   }
 }
@@ -111,13 +112,12 @@ function show() {
   const gone = lost || state.is_stale;
   const estimate = gone ? { mode: "invalid", pos_mode: "invalid" } : state.estimate;
   const valid = estimate.mode !== "invalid" && known(estimate.heading_deg);
-  if (valid) validAt = performance.now();
   showHeading(estimate, valid, gone);
   const navigation = gone ? {} : state.navigation;
   put($("cog"), known(navigation.cog_deg) ? `${headingText(navigation.cog_deg)}°` : NONE);
   put($("sog"), knots(navigation.sog_mps));
   put($("position"), positionText(estimate.lat_deg, estimate.lon_deg, estimate.pos_mode));
-  put($("reference"), `of ${state.reference_point}`);
+  put($("reference"), state.reference_point);
   $("simulated").hidden = !state.simulated;
   put($("method"), state.method);
   const utc = known(navigation.utc_s) ? new Date(navigation.utc_s * 1000).toISOString().slice(11, 19) + " UTC" : "";
@@ -125,7 +125,7 @@ function show() {
   put($("recording"), state.recording_failure ? `✕ ${state.recording_failure}` : state.recording ? "● REC" : "");
   $("recording").title = state.recording;
   $("recording").classList.toggle("failing", Boolean(state.recording_failure));
-  tiles.show(state.sensors, gone);
+  tiles.show(state.sensors, navigation, gone);
   buttons.show(state.tasks, access.control && !lost);
   $("start-all").disabled = $("stop-all").disabled = !access.control || lost;
   $("unlock").hidden = access.control;
@@ -144,6 +144,7 @@ function showHeading(estimate, valid, gone) {
   put($("sigma"), valid && known(estimate.heading_sigma_deg) ? `± ${estimate.heading_sigma_deg.toFixed(1)}°${calibrated}` : "");
   const ago = validAt === null ? "none yet" : `last one ${Math.round((performance.now() - validAt) / 1000)} s ago`;
   put($("turn"), valid ? turnText(estimate.rate_of_turn_dps) : ago);
+  put($("turn-side"), valid ? turnSide(estimate.rate_of_turn_dps) : "");
   const own = gone ? [] : state.sensors.filter((row) => known(row.heading_deg) && row.age_s <= MAX_SENSOR_AGE_S && row.port_state === "open");
   rose.show(valid ? estimate.heading_deg : NaN, estimate.heading_sigma_deg ?? NaN, estimate.rate_of_turn_dps ?? NaN, own);
   document.title = `${valid ? headingText(estimate.heading_deg) + "°" : word} – tinyekf`;

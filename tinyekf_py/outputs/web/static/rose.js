@@ -1,7 +1,7 @@
 // The compass rose: heading up, the card turns. Each sensor has a needle of its own, dashed where it is a course.
 
 const SVG = "http://www.w3.org/2000/svg";
-const RIM = 186, INNER = 128, BADGE = 214, BADGE_APART_DEG = 7.5;
+const RIM = 186, INNER = 128, BADGE = 219, BADGE_APART_DEG = 7.2;
 const TURN_DEG_PER_DPS = 30; // 3 degrees a second is a quarter of the rose
 
 export function svg(name, attributes = {}, parent = null) {
@@ -46,7 +46,7 @@ export class Rose {
     svg("circle", { r: INNER, class: "rim" }, root);
     this.turn = svg("path", { class: "turn fused" }, root);
     this.needles = svg("g", {}, root);
-    svg("path", { d: `M0 ${-RIM - 2}L11 ${-RIM - 22}L-11 ${-RIM - 22}Z M-2 ${-INNER}L-2 ${-RIM}L2 ${-RIM}L2 ${-INNER}Z`, class: "lubber fused" }, root);
+    svg("path", { d: `M0 ${-RIM - 1}L9 ${-RIM - 15}L-9 ${-RIM - 15}Z M-2 ${-INNER}L-2 ${-RIM}L2 ${-RIM}L2 ${-INNER}Z`, class: "lubber fused" }, root);
     const c = 0.68 * INNER;
     svg("path", { d: `M${-c} ${-c}L${c} ${c}M${c} ${-c}L${-c} ${c}`, class: "cross" }, root).setAttribute("opacity", ".3");
     this.own = new Map();
@@ -115,7 +115,7 @@ function sectorPath(sigma) {
 }
 
 function arcPath(rate) {
-  const angle = Math.max(-120, Math.min(120, rate * TURN_DEG_PER_DPS));
+  const angle = Math.max(-90, Math.min(90, rate * TURN_DEG_PER_DPS));
   if (Math.abs(angle) < 0.5) return "";
   const radius = INNER - 5;
   const [x, y] = at(angle, radius);

@@ -29,7 +29,7 @@ export class Sounder {
   }
 
   label() {
-    this.button.textContent = this.on ? "Sound on" : "Sound off";
+    this.button.textContent = this.on ? "♪ on" : "♪ off";
     this.button.setAttribute("aria-pressed", String(this.on));
   }
 

@@ -32,7 +32,7 @@ class Tile {
     title.append(name);
     this.state = make("span", "state", title);
     const own = make("p", "own", this.root);
-    make("small", "", own).textContent = course ? "COG" : name === "imu" ? "gyro" : "HDG";
+    make("small", "", own).textContent = course ? "COG" : name === "imu" ? "roll, pitch" : "HDG";
     this.own = make("span", "", own);
     this.sigma = make("small", "", own);
     const first = make("p", "row", this.root);
@@ -53,14 +53,15 @@ class Tile {
     this.why = make("p", "why", this.root);
   }
 
-  show(row, gone) {
-    const fresh = !gone && known(row.age_s) && row.age_s <= MAX_SENSOR_AGE_S;
+  show(row, navigation, gone) {
     const state = gone ? "unknown" : row.port_state;
+    const fresh = state === "open" && known(row.age_s) && row.age_s <= MAX_SENSOR_AGE_S;
     put(this.state, `${SHAPES[state] || "✕"} ${state}`);
     this.state.className = `state ${state === "open" || state === "stopped" ? state : ""}`;
     this.root.classList.toggle("off", state !== "open");
-    const heading = fresh && state === "open" ? row.heading_deg : null;
-    put(this.own, this.name === "imu" ? (fresh ? "turning rate" : NONE) : known(heading) ? `${headingText(heading)}°` : NONE);
+    const heading = fresh ? row.heading_deg : null;
+    const angle = this.name === "imu" ? attitudeText(fresh ? navigation : {}) : known(heading) ? `${headingText(heading)}°` : NONE;
+    put(this.own, angle);
     put(this.sigma, known(heading) && known(row.heading_sigma_deg) ? `± ${row.heading_sigma_deg.toFixed(1)}°` : "");
     put(this.rate, fresh && known(row.rate_hz) ? `${row.rate_hz.toFixed(1)} Hz` : NONE);
     put(this.age, gone ? NONE : ageText(row.age_s));
@@ -78,16 +79,20 @@ class Tile {
   }
 }
 
+function attitudeText({ roll_deg, pitch_deg }) {
+  return known(roll_deg) && known(pitch_deg) ? `${roll_deg.toFixed(1)}°, ${pitch_deg.toFixed(1)}°` : NONE;
+}
+
 export class Tiles {
   constructor(root) {
     this.root = root;
     this.tiles = new Map();
   }
 
-  show(sensors, gone) {
+  show(sensors, navigation, gone) {
     for (const row of sensors) {
       if (!this.tiles.has(row.name)) this.tiles.set(row.name, new Tile(row.name, this.root));
-      this.tiles.get(row.name).show(row, gone);
+      this.tiles.get(row.name).show(row, navigation, gone);
     }
     for (const [name, tile] of this.tiles) {
       if (!sensors.some((row) => row.name === name)) { tile.root.remove(); this.tiles.delete(name); }

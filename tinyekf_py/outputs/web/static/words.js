@@ -13,7 +13,12 @@ export function turnText(dps) {
   if (!known(dps)) return NONE;
   const perMinute = Math.abs(dps * 60).toFixed(0);
   if (perMinute === "0") return "0 °/min";
-  return dps > 0 ? `${perMinute} °/min to starboard ▶` : `◀ ${perMinute} °/min to port`;
+  return dps > 0 ? `${perMinute} °/min ▶` : `◀ ${perMinute} °/min`;
+}
+
+export function turnSide(dps) {
+  if (!known(dps)) return "";
+  return Math.abs(dps * 60) < 0.5 ? "steady" : dps > 0 ? "to starboard" : "to port";
 }
 
 function minutesText(angle, digits, sides) {

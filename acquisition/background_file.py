@@ -6,7 +6,8 @@ second, so that a power cut costs no more than that. The order of `put` is the o
 
 Nothing of this ever raises into fusion: when writing fails (disk full, card gone), one line is logged, `failure`
 says why, and what comes later is counted in `lost`, until the disk has room again: then writing goes on behind the
-last whole entry, and a second line says so. A file may be cut into pieces by size or age, the oldest removed.
+last whole entry, and a second line says so. A file may be cut into pieces by size or age, the oldest removed; while a
+further piece cannot be begun, writing goes on in the one that there is.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ CLOSE_TIMEOUT_S = 10.0
 RESUME_BYTES = 1 << 20
 RETRY_S = 1.0  # doubled up to the limit while writing fails again and again
 RETRY_LIMIT_S = 60.0
+ROTATION_RETRY_S = 60.0  # after a further piece could not be begun
 
 _log = logging.getLogger(__name__)
 
@@ -78,6 +80,7 @@ class BackgroundFile(Generic[Entry]):
         self._piece_number = 0
         self._size = 0  # of the piece, whole entries
         self._begun_at = time.monotonic()
+        self._rotate_at = 0.0  # not before
         self._lost_before_gap = 0
         self._retry_at = 0.0
         self._retry_s = RETRY_S
@@ -156,12 +159,13 @@ class BackgroundFile(Generic[Entry]):
             self._append(self._render(entries))
             if self._on_disk:
                 os.fdatasync(self._fd)
-                self._rotate_if_due()
         except OSError as error:
             self._unwritten += len(entries)
             self._fail(error.strerror or str(error))
-        else:
-            self._retry_s = RETRY_S
+            return
+        self._retry_s = RETRY_S
+        if self._on_disk and self._rotation_is_due():
+            self._rotate()
 
     def _append(self, text: bytes) -> None:
         """Write all of it, or leave the file as it was."""
@@ -176,29 +180,40 @@ class BackgroundFile(Generic[Entry]):
             raise
         self._size += len(text)
 
-    def _rotate_if_due(self) -> None:
-        limits = self._rotation
-        too_large = 0 < limits.max_bytes <= self._size
-        if not too_large and not 0 < limits.max_s <= time.monotonic() - self._begun_at:
-            return
-        self._begun_at = time.monotonic()  # a piece that cannot be begun is tried again after as long as this one
+    def _rotation_is_due(self) -> bool:
+        limits, now = self._rotation, time.monotonic()
+        too_old = 0 < limits.max_s <= now - self._begun_at
+        return now >= self._rotate_at and (too_old or 0 < limits.max_bytes <= self._size)
+
+    def _rotate(self) -> None:
+        """Go on in another piece; where that cannot be begun, in this one."""
         number = self._piece_number + 1
         path = self.path.with_name(f"{self.path.stem}.{number:04d}{self.path.suffix}")
-        fd = _create(path)
-        before, self._fd = self._fd, fd
-        size, self._size = self._size, 0
+        before, size = self._fd, self._size
         try:
+            self._fd = _create(path)
+            self._size = 0
             self._append(self._continued())
-        except OSError:
+        except OSError as error:
+            if self._fd != before:
+                os.close(self._fd)
+                self._remove(path)
             self._fd, self._size = before, size
-            os.close(fd)
-            path.unlink(missing_ok=True)
-            raise
+            self._rotate_at = time.monotonic() + ROTATION_RETRY_S
+            _log.error("%s cannot be begun (%s): writing goes on in %s", path, error.strerror, self._pieces[-1])
+            return
         os.close(before)
+        self._begun_at = time.monotonic()
         self._piece_number = number
         self._pieces.append(path)
-        while limits.keep and len(self._pieces) > limits.keep:
-            self._pieces.pop(0).unlink(missing_ok=True)
+        while self._rotation.keep and len(self._pieces) > self._rotation.keep:
+            self._remove(self._pieces.pop(0))
+
+    def _remove(self, piece: Path) -> None:
+        try:
+            piece.unlink(missing_ok=True)
+        except OSError as error:
+            _log.error("%s cannot be removed: %s", piece, error.strerror)
 
     def _try_again(self) -> None:
         """After a failure: go on when the disk has room."""

@@ -9,28 +9,25 @@ The format is text and append-only, so that a power cut costs at most the last s
     #event 12.345678 stop gps2
 
 Seconds since the start with six decimals, the source, the line as received without its ending; bytes outside
-0x20-0x7E and the backslash as ``\xHH``. The live program writes one with `RecordingWriter`; a replay reads one, or
-the pieces of a rotated set, with `read_recording`. Reading drops what is damaged, counts it by reason, and goes on.
+0x20-0x7E and the backslash as ``\xHH``. The live program writes one (`recording_writer`); a replay reads one, or the
+pieces of a rotated set, with `read_recording`. Reading drops what is damaged, counts it by reason, and goes on.
 """
 
 from __future__ import annotations
 
 import gzip
-import logging
 import re
 import statistics
 import tomllib
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from io import BufferedReader
 from pathlib import Path
 from typing import NamedTuple
 
-from acquisition.background_file import ONE_PIECE, BackgroundFile, Rotation, pieces_of
 from acquisition.sample import SOURCES
-from acquisition.toml_value import toml_value
 
 MAGIC = b"#tinyekf-recording "
 VERSION = 1
@@ -45,8 +42,6 @@ _BEGINNING_LINES = 500  # read for the header and the first stamps
 _GZIP_MAGIC = b"\x1f\x8b"
 _NOT_PLAIN = re.compile(rb"[^\x20-\x5b\x5d-\x7e]")
 _SOURCE_OF = {name.encode(): name for name in SOURCES}
-
-_log = logging.getLogger(__name__)
 
 
 class RecordingError(ValueError):
@@ -94,117 +89,6 @@ def parse_seconds(text: bytes) -> int:
     if not whole.isdigit() or len(whole) > 12 or len(fraction) > 6 or not (fraction + b"0").isdigit():
         raise ValueError(f"not a stamp in seconds: {text[:20]!r}")
     return int(whole) * 1_000_000 + int(fraction.ljust(6, b"0"))
-
-
-class RecordingWriter:
-    """Writes a recording without ever making its caller wait or fail (`background_file` says how).
-
-    An earlier recording of that name is set aside under its start, `today.20261124T030000Z.log`; any other file with
-    something in it is a RecordingError, and left alone. `config` are the flat keys that shape the result, as
-    `#config` lines.
-    """
-
-    def __init__(
-        self,
-        path: str | Path,
-        start_utc: datetime,
-        config: Mapping[str, object],
-        rotation: Rotation = ONE_PIECE,
-    ) -> None:
-        if str(path).endswith(".gz"):
-            raise RecordingError(f"cannot record to {path}: a compressed file does not survive a power cut; omit .gz")
-        started = start_utc.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
-        header = [f"{MAGIC.decode()}{VERSION}", f"#start {started}"]
-        header += [f"#config {key}={toml_value(value)}" for key, value in config.items()]
-        text = ("\n".join(header) + "\n").encode("utf-8", "replace")
-        stopped: dict[str, None] = {}
-
-        def render(entries: list[_Entry]) -> bytes:
-            for _, verb, name in entries:
-                if isinstance(name, str) and verb == "stop":
-                    stopped[name] = None
-                elif isinstance(name, str) and verb == "start":
-                    stopped.pop(name, None)
-            return _render(entries)
-
-        def continued() -> bytes:
-            """The header of a further piece: it must do without those before it, which may be removed."""
-            return text + f"#config tasks.stopped={toml_value(list(stopped))}\n".encode()
-
-        try:
-            _set_aside(Path(path))
-            self._file = BackgroundFile(path, text, render, rotation=rotation, continued=continued, gap=_gap)
-        except OSError as error:
-            raise RecordingError(f"cannot record to {path}: {error.strerror}") from error
-
-    @property
-    def path(self) -> Path:
-        return self._file.path
-
-    @property
-    def failure(self) -> str:
-        """Why recording has stopped, one line; empty while it goes on."""
-        return self._file.failure
-
-    @property
-    def lost(self) -> int:
-        """Lines and events that were not recorded."""
-        return self._file.lost
-
-    def line(self, t_us: int, source: str, line: bytes) -> None:
-        """Record `line`, received at `t_us` microseconds since the start."""
-        self._file.put((t_us, source, line))
-
-    def event(self, t_us: int, verb: str, name: str) -> None:
-        """Record that task `name` was started, stopped or restarted at `t_us` microseconds since the start."""
-        self._file.put((t_us, verb, name))
-
-    def flush(self) -> None:
-        """Wait until all of it is on the disk (or recording has failed)."""
-        self._file.flush()
-
-    def close(self) -> None:
-        """Write the rest and end; harmless when repeated."""
-        self._file.close()
-
-
-_Entry = tuple[int, str, bytes] | tuple[int, str, str]
-
-
-def _set_aside(path: Path) -> None:
-    """Rename an earlier recording at `path`, and what is left of its pieces: a restart must not cost a voyage."""
-    if path.exists() and not path.is_file():
-        return  # a device or a pipe
-    old = [piece for piece in (path, *pieces_of(path)) if piece.is_file() and piece.stat().st_size > 0]
-    if not old:
-        return
-    try:
-        started = read_recording(old).start_utc or datetime.fromtimestamp(old[0].stat().st_mtime, UTC)
-    except RecordingError as error:
-        raise RecordingError(f"cannot record to {path}: what is there is no recording; give another name") from error
-    name = stem = f"{path.stem}.{started:%Y%m%dT%H%M%SZ}"
-    number = 1
-    while path.with_name(name + path.suffix).exists():
-        number += 1
-        name = f"{stem}-{number}"
-    for piece in old:
-        piece.rename(piece.with_name(name + piece.name.removeprefix(path.stem)))
-    _log.info("the earlier recording %s is now %s", path, name + path.suffix)
-
-
-def _gap(lost: int, why: str) -> bytes:
-    return f"# {lost} entries are missing here: {why}\n".encode()
-
-
-def _render(entries: list[_Entry]) -> bytes:
-    texts = []
-    for t_us, word, rest in entries:
-        stamp = format_seconds(t_us)
-        if isinstance(rest, bytes):
-            texts.append(b"%b %b %b\n" % (stamp.encode(), word.encode(), escape(rest)))
-        else:
-            texts.append(f"#event {stamp} {word} {rest}\n".encode())
-    return b"".join(texts)
 
 
 def read_recording(paths: str | Path | Sequence[str | Path]) -> RecordingReader:

@@ -21,7 +21,7 @@ from acquisition.background_file import Rotation
 from acquisition.device import DeviceSettings, DeviceState
 from acquisition.message import LINE, LOST, PORT, RESTART
 from acquisition.plug_monitor import open_plug_monitor
-from acquisition.recording import RecordingWriter
+from acquisition.recording_writer import RecordingWriter
 from acquisition.supervisor import Supervisor
 from tinyekf_py.config import Config, result_config
 from tinyekf_py.console import ConsoleView

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import IO
 
-from acquisition.recording import RecordingError, RecordingWriter
+from acquisition.recording import RecordingError
+from acquisition.recording_writer import RecordingWriter
 from acquisition.simulator.scenarios import DEVICES, Scenario
 from acquisition.simulator.vessel import STEP_US, Motion
 from acquisition.simulator.voyage import Voyage

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from acquisition.decoder import make_decoder
-from acquisition.recording import RecordingWriter, read_recording
+from acquisition.recording import read_recording
+from acquisition.recording_writer import RecordingWriter
 from tinyekf_py.config import (
     METHODS,
     Config,

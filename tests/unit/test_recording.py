@@ -17,13 +17,13 @@ from acquisition.recording import (
     Event,
     Line,
     RecordingError,
-    RecordingWriter,
     escape,
     format_seconds,
     parse_seconds,
     read_recording,
     unescape,
 )
+from acquisition.recording_writer import RecordingWriter
 from acquisition.sample import SOURCES
 
 START = datetime(2026, 11, 24, 3, 0, 0, tzinfo=UTC)
@@ -317,6 +317,18 @@ def test_pieces_replay_as_one(tmp_path: Path) -> None:
     assert [entry.line for entry in entries if isinstance(entry, Line)] == [b"*1.0,2.0,%d" % n for n in range(60)]
     assert entries.index(Event(150_000, "stop", "gps2")) == 15
     assert reader.config == {"fusion.method": "cnw3"}
+
+
+def test_a_piece_that_cannot_be_begun_costs_no_line(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    writer = RecordingWriter(tmp_path / "r.rec", START, {}, Rotation(300))
+    (tmp_path / "r.0001.rec").mkdir()  # in its place
+    for n in range(60):
+        writer.line(n * 10_000, "imu", b"*1.0,2.0,%d" % n)
+        writer.flush()
+    assert (writer.lost, writer.failure) == (0, "")
+    writer.close()
+    assert len(list(read_recording(tmp_path / "r.rec"))) == 60
+    assert caplog.text.count("cannot be begun") == 1
 
 
 def test_old_pieces_are_removed_and_the_rest_does_without_them(tmp_path: Path) -> None:

@@ -159,6 +159,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
             fusion_set_poll(&fusion, task - 3, kind >> 4);
             continue;
         }
+        if (kind < 42) {
+            fusion_lose(&fusion, kind - 32);
+            continue;
+        }
         t_us += step_us(take(&input));
         sample = (sample_t){.t_us = t_us, .source = kind & 15};
         if (kind < 48) {

@@ -53,7 +53,7 @@ def main() -> None:
     for method in range(4):
         seeds[f"core/method{method}"] = bytes([method, 0x73]) + cruise(40)
     epoch = GpsSample(0, 0, 1, 1.8e9, 36.0, 126.5, 0.0, 3.0, 90.0, 1.0, float("nan"), 8)
-    seeds["core/raw"] = bytes([3, 0x73]) + b"\x20\x64" + epoch.pack() + cruise(8)
+    seeds["core/raw"] = bytes([3, 0x73]) + b"\x2a\x64" + epoch.pack() + cruise(8)
     for name, seed in seeds.items():
         (CORPUS / name).parent.mkdir(parents=True, exist_ok=True)
         (CORPUS / name).write_bytes(seed)

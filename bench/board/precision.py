@@ -47,7 +47,7 @@ def main() -> int:
             for seed in range(1, seeds + 1):
                 recording, truth = Path(folder) / "r.log", Path(folder) / "t.csv"
                 options = ["--scenario", scenario, "--seed", str(seed), "--duration", "600"]
-                python(ROOT, "acquisition.simulator", recording, truth, *options)
+                python(copies["double"], "acquisition.simulator", recording, truth, *options)
                 true = rows_of(truth)
                 for method in METHODS:
                     found = {real: replayed(copy, recording, method) for real, copy in copies.items()}
@@ -74,33 +74,35 @@ def main() -> int:
 
 
 def build(real: str) -> Path:
-    """A copy of the sources with its core in this precision."""
+    """A copy of what is committed, its core in this precision."""
     copy = BUILD / f"precision-{real}"
     shutil.rmtree(copy, ignore_errors=True)
     copy.mkdir(parents=True)
-    for name in ("setup.py", "pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, copy)
-    for name in ("csrc", "acquisition", "tinyekf_py"):
-        shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("*.so", "_core.c", "__pycache__"))
+    archive = [
+        "git",
+        "archive",
+        "HEAD",
+        "setup.py",
+        "pyproject.toml",
+        "README.md",
+        "LICENSE",
+        "csrc",
+        "acquisition",
+        "tinyekf_py",
+    ]
+    sources = subprocess.run(archive, cwd=ROOT, check=True, capture_output=True).stdout
+    subprocess.run(["tar", "x"], cwd=copy, input=sources, check=True)
     command = [sys.executable, "setup.py", "-q", "build_ext", "--inplace"]
     subprocess.run(command, cwd=copy, check=True, env={**os.environ, "TINYEKF_REAL": real}, stderr=subprocess.DEVNULL)
     return copy
 
 
 def lock_up(real: str) -> str:
-    """How many of the lock-up cases (bench/ekf/lock_up.h) the filter comes through."""
-    program = BUILD / f"lock_up_{real}"
-    bench, csrc = ROOT / "bench" / "ekf", ROOT / "csrc"
-    sources = [bench / "lock_up.c", csrc / "ekf.c", csrc / "heading_model.c", csrc / "angle.c"]
-    main_c = (
-        '#include <stdio.h>\n#include "lock_up.h"\n'
-        "int main(void) { int n = 0; for (int i = 0; i < LOCK_UP_CASES; i++)"
-        ' n += lock_up_ours(&lock_up_cases[i]) == LOCK_UP_STEPS; printf("%d of %d\\n", n, LOCK_UP_CASES); }\n'
-    )
-    others = [bench / "tinyekf_generic.c", bench / "tinyekf_static.c"]
-    flags = ["-std=c11", "-O2", "-ffp-contract=off", f"-DEKF_REAL={real}", "-I", csrc, "-I", bench]
-    command = ["gcc", *flags, "-x", "c", "-", *sources, *others, "-lm", "-o", program]
-    subprocess.run(command, input=main_c, text=True, check=True)
+    """The verdict of the filter's own test, whose larger part is the lock-up courses."""
+    program, csrc = BUILD / f"test_ekf_{real}", ROOT / "csrc"
+    sources = [ROOT / "tests" / "c" / "test_ekf.c", *(csrc / name for name in ("ekf.c", "heading_model.c", "angle.c"))]
+    flags = ["-std=c11", "-O2", "-ffp-contract=off", f"-DEKF_REAL={real}", "-I", csrc]
+    subprocess.run(["gcc", *flags, *sources, "-lm", "-o", program], check=True)
     return subprocess.run([program], check=True, capture_output=True, text=True).stdout.strip()
 
 

@@ -99,6 +99,11 @@ class Boat:
         self._thread = threading.Thread(target=self._sail, daemon=True)
         self._thread.start()
 
+    @property
+    def links(self) -> dict[str, Path]:
+        """Where each device is."""
+        return {name: cable.link for name, cable in self.cables.items()}
+
     def _sail(self) -> None:
         due = time.monotonic()
         while not self._ended.is_set():
@@ -114,6 +119,24 @@ class Boat:
             cable.close()
 
 
+class SimulatedBoat:
+    """Sails in a process of its own, `tinyekf simulate --ptys`; to the live program it is a real one."""
+
+    def __init__(self, folder: Path, *options: str) -> None:
+        self.links = {name: folder / link for name, link in LINK_NAMES.items()}
+        command = [sys.executable, "-m", "acquisition.simulator", "--ptys", "--links", str(folder), *options]
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, env=environment)
+        assert self._process.stdout is not None
+        assert self._process.stdout.readline(), "the simulator has ended"  # it says where its ptys are
+
+    def close(self) -> None:
+        self._process.terminate()
+        self._process.wait(DEADLINE_S)
+        assert self._process.stdout is not None
+        self._process.stdout.close()
+
+
 def is_whole(status: dict[str, Any]) -> bool:
     """Whether every sensor speaks and the heading is ok."""
     return status["mode"] == "ok" and all(sensor["port_state"] == "open" for sensor in status["sensors"].values())
@@ -125,7 +148,7 @@ class Program:
     def __init__(
         self,
         folder: Path,
-        boat: Boat,
+        boat: Boat | SimulatedBoat,
         *options: str,
         config: str = "",
         env: Mapping[str, str] | None = None,
@@ -135,7 +158,7 @@ class Program:
         self.recording, self.csv, self.log = folder / "run.rec", folder / "run.csv", folder / "run.log"
         self.config = folder / "tinyekf.toml"
         self.config.write_text(
-            "".join(f'[sensors.{name}]\nport = "{cable.link}"\n' for name, cable in boat.cables.items()) + config
+            "".join(f'[sensors.{name}]\nport = "{link}"\n' for name, link in boat.links.items()) + config
         )
         command = [*wrapper, sys.executable, "-m", "tinyekf_py.run", "--config", str(self.config)]
         if "--record" in options:

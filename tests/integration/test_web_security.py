@@ -1,0 +1,397 @@
+"""Each attack that docs/security.md says is warded off, on the real output process."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import socket
+import stat
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from web_process import TASKS, WebProcess, client_frame, read_frame
+
+from tinyekf_py.outputs.web import guard, streams
+from tinyekf_py.outputs.web.access import TokenFileError, token_in
+
+DEBIAN_PYTHON = "/usr/bin/python3"  # with the aiohttp of the boards' Debian, the oldest that is supported
+
+Start = Callable[..., WebProcess]
+
+
+@pytest.fixture(scope="module", params=["newest aiohttp", "Debian's aiohttp"])
+def start(request: pytest.FixtureRequest) -> Iterator[Start]:
+    """Starts output processes, which run until the module's end."""
+    started: list[WebProcess] = []
+
+    def run(**settings: Any) -> WebProcess:
+        started.append(WebProcess(**settings))
+        return started[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        if request.param == "Debian's aiohttp":
+            if subprocess.run([DEBIAN_PYTHON, "-c", "import aiohttp"], capture_output=True).returncode:
+                why = "no aiohttp for the system's Python: apt install python3-aiohttp"
+                pytest.fail(why) if os.environ.get("CI") else pytest.skip(why)
+            patch.setattr(sys, "executable", DEBIAN_PYTHON)
+        yield run
+    for web in started:
+        web.close()
+
+
+@pytest.fixture(scope="module")
+def default_web(start: Start) -> WebProcess:
+    return start()
+
+
+@pytest.fixture
+def web(default_web: WebProcess) -> WebProcess:
+    """As it is by default: on this machine alone, without a token."""
+    default_web.running.update(dict.fromkeys(TASKS, True))
+    return default_web
+
+
+@pytest.fixture
+def token_file(tmp_path: Path) -> Path:
+    return tmp_path / "config" / "token"
+
+
+@pytest.fixture
+def open_web(start: Start, token_file: Path) -> WebProcess:
+    """On every address of the machine."""
+    return start(host="0.0.0.0", token_file=str(token_file))
+
+
+def token_of(path: Path) -> str:
+    return path.read_text().strip()
+
+
+def test_it_listens_on_this_machine_alone_unless_told_otherwise(web: WebProcess) -> None:
+    table = Path("/proc/net/tcp").read_text() + Path("/proc/net/tcp6").read_text()
+    listening = [line.split()[1] for line in table.splitlines() if line.split()[3] == "0A"]
+    assert [address for address in listening if address.endswith(f":{web.port:04X}")] == [f"0100007F:{web.port:04X}"]
+
+
+def test_on_this_machine_alone_no_token_is_made_nor_needed(start: Start, token_file: Path) -> None:
+    web = start(token_file=str(token_file))
+    assert web.post("/api/tasks/gps2/stop").json()["tasks"]["gps2"] is False
+    assert web.get("/api/access").json() == {"read": True, "control": True}
+    assert not token_file.exists()
+
+
+@pytest.mark.parametrize("headers", [{}, {"Authorization": "Bearer no"}, {"Cookie": "tinyekf=99999999999.0"}])
+def test_on_other_addresses_control_needs_the_token(open_web: WebProcess, headers: dict[str, str]) -> None:
+    for path in ("/api/tasks/gps2/stop", "/api/tasks/all/stop"):
+        assert open_web.post(path, **headers).status == 401
+    assert all(open_web.running.values())
+    assert open_web.get("/api/state").status == 200
+    assert open_web.get("/api/access").json() == {"read": True, "control": False}
+    connection, status = open_web.upgrade("/signalk/v1/stream", **headers)
+    connection.close()
+    assert status == 401
+
+
+def test_the_token_gives_control(open_web: WebProcess, token_file: Path) -> None:
+    token = token_of(token_file)
+    for kind in ("Bearer", "bearer"):
+        assert open_web.post("/api/tasks/gps2/stop", Authorization=f"{kind} {token}").status == 200
+    assert (
+        open_web.post("/api/tasks/gps2/start", Authorization=f"Bearer {token.replace('-', '').upper()}").status == 200
+    )
+    connection, status = open_web.upgrade("/signalk/v1/stream", Authorization=f"JWT {token}")
+    with connection:
+        assert status == 101
+        assert json.loads(read_frame(connection)[1])["name"] == "tinyekf"
+
+
+def test_the_token_is_its_owners_alone_and_stays(start: Start, token_file: Path) -> None:
+    start(host="0.0.0.0", token_file=str(token_file))
+    token = token_of(token_file)
+    assert stat.S_IMODE(token_file.stat().st_mode) == 0o600
+    assert stat.S_IMODE(token_file.parent.stat().st_mode) == 0o700
+    assert len(token.replace("-", "")) * 5 >= 120  # bits
+    start(host="0.0.0.0", token_file=str(token_file))
+    assert token_of(token_file) == token
+
+
+def test_a_session_is_a_cookie_that_neither_scripts_nor_other_sites_can_use(
+    open_web: WebProcess, token_file: Path
+) -> None:
+    body = json.dumps({"token": token_of(token_file)}).encode()
+    reply = open_web.post("/api/login", body, Content_Type="application/json")
+    assert reply.status == 200
+    cookie = reply.headers["set-cookie"]
+    assert {"HttpOnly", "SameSite=Strict", "Path=/"} <= set(cookie.split("; "))
+    assert token_of(token_file) not in cookie
+    pair = cookie.partition(";")[0]
+    assert open_web.post("/api/tasks/gps2/stop", Cookie=pair).status == 200
+    expiry, _, signature = pair.partition("=")[2].partition(".")
+    for forged in (f"{int(expiry) + 1}.{signature}", f"{expiry}.{'0' * 64}", f"{expiry}.", signature, "٣.x"):
+        assert open_web.post("/api/tasks/gps2/stop", Cookie=f"tinyekf={forged}").status in (400, 401)
+
+
+def test_a_login_takes_json_alone(open_web: WebProcess, token_file: Path) -> None:
+    body = json.dumps({"token": token_of(token_file)}).encode()
+    for kind in ("text/plain", "application/x-www-form-urlencoded"):  # what another site's form can send
+        assert open_web.post("/api/login", body, Content_Type=kind).status == 415
+    for wrong in (b"{", b"[]", b"\xff", b'{"token": 1}', b"[" * 1000):
+        assert open_web.post("/api/login", wrong, Content_Type="application/json").status == 400
+
+
+def test_whoever_guesses_has_to_wait_and_others_do_not(open_web: WebProcess, token_file: Path) -> None:
+    body = json.dumps({"token": token_of(token_file)}).encode()
+    session = open_web.post("/api/login", body, Content_Type="application/json").headers["set-cookie"]
+    statuses = [open_web.post("/api/tasks/gps2/stop", Authorization=f"Bearer wrong{i}").status for i in range(7)]
+    assert statuses[:4] == [401] * 4
+    assert statuses[5:] == [429] * 2
+    reply = open_web.post("/api/login", body, Content_Type="application/json")
+    assert reply.status == 429  # nor is a right guess told from a wrong one now
+    assert 0 < int(reply.headers["retry-after"]) <= 61
+    assert open_web.post("/api/tasks/gps2/stop", Cookie=session.partition(";")[0]).status == 200
+
+
+def test_reading_can_be_made_to_need_the_token(start: Start, token_file: Path) -> None:
+    web = start(read_token=True, token_file=str(token_file))
+    for path in ("/api/state", "/api/history", "/metrics", "/healthz"):
+        assert web.get(path).status == 401
+        assert web.get(path, Authorization=f"Bearer {token_of(token_file)}").status == 200
+    connection, status = web.upgrade()
+    connection.close()
+    assert status == 401
+    assert web.get("/").status == 200  # the page, which asks for the token
+    assert web.get("/api/access").json() == {"read": False, "control": False}
+
+
+@pytest.mark.parametrize("mode", [0o644, 0o640, 0o606])
+def test_a_token_that_others_can_read_is_not_used(tmp_path: Path, mode: int) -> None:
+    path = tmp_path / "token"
+    path.write_text("abcd-efgh-ijkl-mnop-qrst\n")
+    path.chmod(mode)
+    with pytest.raises(TokenFileError, match=r"can be read by others; chmod 600"):
+        token_in(path)
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        *("evil.example", "evil.example:{port}", "127.0.0.1.evil.example", "localhost.evil.example", "", "10.0.0.1"),
+        *("[::1]evil", "127.0.0.1@evil.example", "2130706433", "evil.example, 127.0.0.1"),
+    ],
+)
+def test_a_name_pointed_at_us_is_refused(web: WebProcess, host: str) -> None:
+    """DNS rebinding: a stranger's page reaches us under its own name."""
+    for method, path in (("GET", "/"), ("GET", "/api/state"), ("POST", "/api/tasks/gps2/stop"), ("GET", "/metrics")):
+        reply = web.request(method, path, Host=host.format(port=web.port))
+        assert reply.status in (400, 421)
+        assert b"estimate" not in reply.body
+    connection, status = web.upgrade(Host=host.format(port=web.port) or "evil.example")
+    connection.close()
+    assert status in (400, 421)
+    assert all(web.running.values())
+
+
+def test_two_host_headers_are_refused(web: WebProcess) -> None:
+    answer = web.send(f"GET /api/state HTTP/1.1\r\nHost: 127.0.0.1:{web.port}\r\nHost: evil.example\r\n\r\n".encode())
+    assert int(answer.split()[1]) in (400, 421)
+
+
+def test_configured_names_are_answered_and_then_control_needs_the_token(start: Start, token_file: Path) -> None:
+    web = start(names=["Boat.local"], token_file=str(token_file))
+    for host in ("boat.local", "BOAT.local:1", "boat.local.", "localhost", "127.0.0.1"):
+        assert web.get("/api/state", Host=host).status == 200
+    assert web.get("/api/state", Host="ship.local").status == 421
+    assert web.post("/api/tasks/gps2/stop", Host="boat.local").status == 401
+
+
+@pytest.mark.parametrize(
+    "origin",
+    [
+        *("http://evil.example", "null", "http://127.0.0.1", "http://127.0.0.1:1", "https://127.0.0.1", "file://", "x"),
+        *("http://localhost:{port}", "http://127.0.0.1:{port}.evil.example"),
+    ],
+)
+def test_other_sites_can_neither_post_nor_watch(web: WebProcess, origin: str) -> None:
+    origin = origin.format(port=web.port)
+    assert web.post("/api/tasks/gps2/stop", Origin=origin).status == 403
+    connection, status = web.upgrade(Origin=origin)
+    connection.close()
+    assert status == 403
+    assert all(web.running.values())
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+def test_a_browser_that_says_that_it_is_another_site_is_believed(web: WebProcess, site: str) -> None:
+    assert web.post("/api/tasks/gps2/stop", Sec_Fetch_Site=site).status == 403
+    assert web.get("/api/state", Sec_Fetch_Site=site, Sec_Fetch_Mode="no-cors").status == 403
+    assert web.get("/", Sec_Fetch_Site=site, Sec_Fetch_Mode="navigate").status == 200  # a link to the page
+
+
+def test_our_own_page_may_post_and_watch(web: WebProcess) -> None:
+    ours = f"http://127.0.0.1:{web.port}"
+    assert web.post("/api/tasks/gps2/stop", Origin=ours, Sec_Fetch_Site="same-origin").status == 200
+    connection, status = web.upgrade(Origin=ours)
+    with connection:
+        assert status == 101
+        assert json.loads(read_frame(connection)[1])["hello"] == {"control": True, "rate_hz": 10.0}
+
+
+def test_tasks_are_switched_by_post_alone(web: WebProcess) -> None:
+    for method in ("GET", "HEAD", "PUT", "DELETE", "OPTIONS", "TRACE"):
+        assert web.request(method, "/api/tasks/gps2/stop").status == 405
+    assert all(web.running.values())
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        *("/../access.py", "/static/../access.py", "/..%2faccess.py", "/%2e%2e/%2e%2e/etc/passwd", "//etc/passwd"),
+        *("/page.css/..", "/api/tasks/..%2f..%2fx/stop", "/./../../../etc/passwd", "/page.js%00.html"),
+        *("/..\\..\\etc\\passwd", "/index.html"),
+    ],
+)
+def test_no_path_leads_to_a_file(web: WebProcess, path: str) -> None:
+    reply = web.get(path)
+    assert reply.status in (400, 404)
+    assert b"root:" not in reply.body
+    assert b"import" not in reply.body
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/page.js", "/page.css", "/api/state", "/metrics", "/healthz", "/nothing", "/api/access"]
+)
+def test_every_answer_says_that_it_is_only_what_it_is(web: WebProcess, path: str) -> None:
+    headers = web.get(path).headers
+    policy = dict(part.strip().partition(" ")[::2] for part in headers["content-security-policy"].split(";"))
+    assert policy["default-src"] == policy["frame-ancestors"] == policy["base-uri"] == policy["form-action"] == "'none'"
+    assert policy["script-src"] == policy["style-src"] == "'self'"
+    assert policy["require-trusted-types-for"] == "'script'"
+    assert "unsafe" not in headers["content-security-policy"]
+    assert headers["x-content-type-options"] == "nosniff"
+    assert headers["x-frame-options"] == "DENY"
+    assert headers["referrer-policy"] == "no-referrer"
+    assert headers["cross-origin-resource-policy"] == "same-origin"
+    assert "access-control-allow-origin" not in headers
+    assert "aiohttp" not in headers.get("server", "").lower()
+
+
+def test_the_page_has_nothing_inline_and_nothing_from_elsewhere(web: WebProcess) -> None:
+    page = web.get("/").body.decode()
+    assert not re.search(r"<script(?![^>]*\bsrc=)|<style|\son\w+=|\sstyle=|javascript:", page)
+    for name in ("page.js", "tiles.js", "rose.js", "charts.js", "words.js", "sound.js", "page.css"):
+        text = web.get(f"/{name}").body.decode()
+        assert not re.search(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|eval\(|new Function", text)
+        assert not re.search(
+            r"(https?:)?//(?!www\.w3\.org/2000/svg)[\w.]+\.\w", re.sub(r"^\s*//.*$", "", text, flags=re.M)
+        )
+
+
+def test_large_requests_are_refused(web: WebProcess) -> None:
+    host = f"Host: 127.0.0.1:{web.port}\r\n"
+    login = f"POST /api/login HTTP/1.1\r\n{host}Content-Type: application/json\r\n"
+    chunk = "400\r\n" + "a" * 1024 + "\r\n"
+    too_much = [
+        f"GET /{'a' * 9000} HTTP/1.1\r\n{host}\r\n",
+        f"GET / HTTP/1.1\r\n{host}X: {'a' * 9000}\r\n\r\n",
+        f"GET / HTTP/1.1\r\n{host}" + "Y: b\r\n" * 4000,
+        f"{login}Content-Length: 9000\r\n\r\n" + "a" * 9000,
+        f"{login}Content-Length: 99999999\r\n\r\n" + "a" * 99999,
+        f"{login}Transfer-Encoding: chunked\r\n\r\n" + 99 * chunk,
+    ]
+    for request in too_much:
+        answer = web.send(request.encode())
+        assert not answer or int(answer.split()[1]) in (400, 413, 414, 431)
+    assert web.get("/healthz").status == 200
+
+
+def test_one_connection_carries_one_request(web: WebProcess) -> None:
+    one = f"POST /api/tasks/gps2/stop HTTP/1.1\r\nHost: 127.0.0.1:{web.port}\r\nContent-Length: 0\r\n\r\n"
+    answer = web.send((one + one.replace("gps2", "gps1")).encode())
+    assert answer.count(b"HTTP/1.1 ") == 1
+    assert web.running["gps1"]
+
+
+def test_connections_are_capped(web: WebProcess) -> None:
+    connections = []
+    try:
+        for _ in range(guard.MAX_OF_ONE_ADDRESS + 8):
+            connections.append(web.connect())
+        refused = 0
+        for connection in connections[-8:]:
+            refused += connection.recv(100).startswith(b"HTTP/1.1 503")
+        assert refused == 8
+    finally:
+        for connection in connections:
+            connection.close()
+    web.until_heard()
+    assert web.get("/healthz").status in (200, 503)
+
+
+def test_a_connection_that_says_little_is_ended(web: WebProcess) -> None:
+    """Slow headers hold nothing; neither does saying nothing."""
+    began = time.monotonic()
+    with web.connect() as silent, web.connect() as slow:
+        slow.sendall(b"GET / HTTP/1.1\r\nHost: 127")
+        for connection in (silent, slow):
+            connection.settimeout(guard.REQUEST_PATIENCE_S + 15)
+            with contextlib.suppress(ConnectionResetError):
+                assert connection.recv(100) == b""
+    assert time.monotonic() - began >= guard.REQUEST_PATIENCE_S - 1
+
+
+def opcodes_until_the_end(connection: socket.socket, flood: bytes = b"") -> set[int]:
+    """Which frames a watcher is sent after `flood`, until the server hangs up."""
+    seen = set()
+    connection.settimeout(3 * streams.PING_PERIOD_S)
+    with connection, contextlib.suppress(ConnectionResetError, BrokenPipeError):
+        connection.sendall(flood)
+        while True:
+            seen.add(read_frame(connection)[0])
+    return seen
+
+
+def test_a_watcher_that_does_not_answer_pings_is_ended(web: WebProcess) -> None:
+    connection, status = web.upgrade()
+    assert status == 101
+    assert 9 in opcodes_until_the_end(connection)  # a ping
+
+
+@pytest.mark.parametrize("flood", [(1, 200, 1000), (9, 0, 20000), (1, 9000, 1)], ids=["texts", "pings", "long text"])
+def test_a_watcher_that_says_too_much_is_ended(web: WebProcess, flood: tuple[int, int, int]) -> None:
+    opcode, size, times = flood
+    connection, status = web.upgrade()
+    assert status == 101
+    assert 9 not in opcodes_until_the_end(connection, client_frame(opcode, b"x" * size) * times)  # at once, unpinged
+    assert web.get("/healthz").status == 200
+
+
+def test_a_watcher_that_stops_reading_costs_the_others_nothing(web: WebProcess) -> None:
+    slow = [web.upgrade()[0] for _ in range(4)]
+    for connection in slow:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    quick, _ = web.upgrade()
+    times: list[float] = []
+    with quick:
+        while len(times) < 60:
+            message = json.loads(read_frame(quick)[1])
+            if "state" in message:
+                times.append(message["state"]["elapsed_s"])
+    assert all(earlier < later for earlier, later in pairwise(times))
+    assert max(later - earlier for earlier, later in pairwise(times[1:])) < 1.0  # of the boat's time
+    for connection in slow:
+        connection.close()
+
+
+def test_what_a_task_is_called_cannot_be_anything(web: WebProcess) -> None:
+    assert web.post("/api/tasks/gps9/stop").status == 404
+    for name in ("GPS2", "gps2%20", "gps2;stop", "%0astop", "a" * 17, "", "gps2/stop"):
+        assert web.post(f"/api/tasks/{name}/stop").status == 404
+    assert web.post("/api/tasks/gps2/restart").status == 404
+    assert dict.fromkeys(TASKS, True) == web.running

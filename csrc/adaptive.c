@@ -174,6 +174,15 @@ static void doubt_bearing(adaptive_t *adaptive, int64_t t_us, int accepted, cons
     adaptive->bearing_refused_us = SOURCE_NEVER;
 }
 
+static void count(adaptive_t *adaptive, const adaptive_verdict_t verdict[ADAPTIVE_HYPOTHESES])
+{
+    const adaptive_verdict_t *likelier = &verdict[adaptive->log_odds > 0.0];
+    if (likelier->accepted) {
+        adaptive->nis += likelier->nis;
+        adaptive->headings++;
+    }
+}
+
 static void measure(adaptive_t *adaptive, int64_t t_us, const adaptive_bearing_t *bearing,
                     const adaptive_velocity_t *velocity)
 {
@@ -191,6 +200,7 @@ static void measure(adaptive_t *adaptive, int64_t t_us, const adaptive_bearing_t
         for (int k = 0; bearing_accepted && k < ADAPTIVE_HYPOTHESES; k++) {
             log_likelihood[k] += verdict[k].log_likelihood;
         }
+        count(adaptive, verdict);
         doubt_bearing(adaptive, t_us, bearing_accepted, bearing);
     }
     if (velocity) {
@@ -201,6 +211,7 @@ static void measure(adaptive_t *adaptive, int64_t t_us, const adaptive_bearing_t
             verdict[k] = adaptive_model_take_velocity(&adaptive->filter[k], noise, &mine, tick_s);
             velocity_accepted |= verdict[k].accepted;
         }
+        count(adaptive, verdict);
         for (int k = 0; velocity_accepted && k < ADAPTIVE_HYPOTHESES; k++) {
             log_likelihood[k] += verdict[k].log_likelihood;
         }

@@ -39,7 +39,7 @@ typedef struct {
             .lag_mean = 0.25,                                                                                          \
             .lag = 0.2,                                                                                                \
             .speed_walk = 0.03,                                                                                        \
-            .slip_mean = -1.0,                                                                                         \
+            .pivot = 1.5,                                                                                              \
             .slip = 0.5,                                                                                               \
             .current = {0.03, 0.35},                                                                                   \
             .current_walk = {0.0005, 0.002},                                                                           \
@@ -95,6 +95,8 @@ typedef struct {
     adaptive_ekf_t filter[ADAPTIVE_HYPOTHESES];
     double log_odds;           /* of a current */
     int64_t evidence_until_us; /* after this nothing tells a current from a deviation, until she turns again */
+    double nis;                /* sum of the likelier filter's normalised innovations squared of the heading, */
+    int headings;              /* and their number */
     double unsettled;          /* rad: of the tick's correction, what the heading given out has yet to follow */
 
     double bearing_reference; /* rad: about which the tick's compass readings are summed */

@@ -84,16 +84,17 @@ static int velocity_of_track(const adaptive_t *adaptive, adaptive_track_t *track
     return 1;
 }
 
-/* Takes off what the boat's turn does to an antenna away from the reference point. */
+/* From the velocity of an antenna to that of the point about which the boat is thought to pivot: what her turn does to
+ * the one and not to the other is taken off. */
 static void refer(const adaptive_t *adaptive, const double arm[2], double yaw, double rate, velocity_t *velocity)
 {
-    if (!adaptive->running || (arm[0] == 0.0 && arm[1] == 0.0)) {
+    if (!adaptive->running) {
         return;
     }
     const double heading = adaptive->heading + (yaw - adaptive->tick_yaw);
     const double turn = rate - (double)adaptive->filter[adaptive->log_odds > 0.0].x[ADAPTIVE_BIAS];
     const double ahead = -turn * arm[1];
-    const double aside = turn * arm[0];
+    const double aside = turn * (arm[0] - adaptive->settings.noise.pivot);
     velocity->north -= ahead * cos(heading) - aside * sin(heading);
     velocity->east -= ahead * sin(heading) + aside * cos(heading);
 }

@@ -27,7 +27,6 @@ void adaptive_model_start(adaptive_ekf_t *ekf, const adaptive_noise_t *noise, in
     x[ADAPTIVE_OFFSET] = (ekf_real)offset;
     x[ADAPTIVE_LAG] = (ekf_real)noise->lag_mean;
     x[ADAPTIVE_SPEED] = (ekf_real)speed;
-    x[ADAPTIVE_SLIP] = (ekf_real)noise->slip_mean;
     sigma[ADAPTIVE_OFFSET] = unknown_offset;
     sigma[ADAPTIVE_BIAS] = noise->bias;
     sigma[ADAPTIVE_GAIN] = noise->gain;
@@ -118,7 +117,8 @@ static adaptive_verdict_t take(adaptive_ekf_t *ekf, const ekf_real h[ADAPTIVE_ST
     m.z[0] = (ekf_real)innovation;
     m.R[0][0] = (ekf_real)slow;
     verdict.accepted = adaptive_ekf_update(ekf, &m, NULL) == EKF_ACCEPTED;
-    verdict.log_likelihood = -0.5 * (square(innovation) / S + log(S));
+    verdict.nis = square(innovation) / S;
+    verdict.log_likelihood = -0.5 * (verdict.nis + log(S));
     return verdict;
 }
 
@@ -190,6 +190,7 @@ adaptive_verdict_t adaptive_model_take_velocity(adaptive_ekf_t *ekf, const adapt
             row = take(ekf, h, c * east - s * north, quick + turning, slow + turning);
         }
         verdict.accepted = row.accepted;
+        verdict.nis = row.nis;
         verdict.log_likelihood += row.log_likelihood;
     }
     return verdict;

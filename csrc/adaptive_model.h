@@ -13,7 +13,7 @@ enum {
     ADAPTIVE_DEVIATION = 3, /* rad, 5 states: A to E, on top of the configured table */
     ADAPTIVE_LAG = 8,       /* s: of the compass */
     ADAPTIVE_SPEED = 9,     /* m/s: ahead through the water */
-    ADAPTIVE_SLIP = 10,     /* m: sideways speed of the antennas per rate of turn */
+    ADAPTIVE_SLIP = 10,     /* m: sideways speed of the point of pivot per rate of turn */
     ADAPTIVE_CURRENT = 11,  /* m/s, 2 states: of the water, north and east */
     ADAPTIVE_STATES = 13
 };
@@ -31,8 +31,8 @@ typedef struct {
     double lag_mean;          /* s: of the compass, on top of its latency */
     double lag;               /* s */
     double speed_walk;        /* m/s per root second */
-    double slip_mean;         /* m: negative, a boat pivots about a point ahead of her antennas */
-    double slip;              /* m */
+    double pivot;             /* m: how far ahead of her reference point a boat is thought to pivot */
+    double slip;              /* m: how far off that may be */
     double current[2];        /* m/s per axis: first covariance of the hypotheses without and with a current */
     double current_walk[2];   /* m/s per root second */
     double compass;           /* rad: of the compass, slow errors and waves */
@@ -73,6 +73,7 @@ typedef struct {
 typedef struct {
     int accepted;
     double log_likelihood; /* of what was accepted, but for a constant; of what was refused, as at the gate */
+    double nis;            /* normalised innovation squared of the row that shows the heading */
 } adaptive_verdict_t;
 
 /* Starts the filter near an offset (rad) that nothing has measured yet, at a speed (m/s). */

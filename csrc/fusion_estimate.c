@@ -14,6 +14,7 @@ typedef struct {
     ekf_t ekf[SAMPLE_MAX_GPS];
     int has_position[SAMPLE_MAX_GPS];
     double weight[SAMPLE_MAX_GPS];
+    const double *arm[SAMPLE_MAX_GPS]; /* where its antenna is */
     int n;
 } crew_t;
 
@@ -23,6 +24,7 @@ typedef struct {
     double sigma;   /* rad */
     double north;   /* m; NaN: none */
     double east;
+    double arm[2]; /* m: the place of this position aboard, ahead and to starboard */
 } answer_t;
 
 static void gather(const fusion_t *fusion, int64_t t_us, crew_t *crew, estimate_t *estimate)
@@ -38,6 +40,7 @@ static void gather(const fusion_t *fusion, int64_t t_us, crew_t *crew, estimate_
         crew->ekf[crew->n] = filter.ekf;
         crew->has_position[crew->n] = filter.has_position;
         crew->weight[crew->n] = receiver_weight(&fusion->gps[i], t_us);
+        crew->arm[crew->n] = fusion->settings.adaptive.arm[i];
         crew->n++;
         estimate->ekf_deg[i] = angle_to_bearing_deg((double)filter.ekf.x[HEADING_PSI]);
     }
@@ -80,10 +83,14 @@ static answer_t weighed(const crew_t *crew)
             placed += weight;
             answer.north += weight * (double)crew->ekf[i].x[HEADING_NORTH];
             answer.east += weight * (double)crew->ekf[i].x[HEADING_EAST];
+            answer.arm[0] += weight * crew->arm[i][0];
+            answer.arm[1] += weight * crew->arm[i][1];
         }
     }
     answer.north /= placed; /* 0 / 0: no position is NaN */
     answer.east /= placed;
+    answer.arm[0] /= placed;
+    answer.arm[1] /= placed;
     return answer;
 }
 
@@ -117,9 +124,25 @@ static answer_t answer_of(const fusion_t *fusion, const crew_t *crew)
         return (answer_t){.heading = NAN, .sigma = NAN, .north = NAN, .east = NAN};
     }
     if (fusion->settings.method == FUSION_CNW_EKF || fusion->stopped[FUSION_STAGE3]) {
-        return of_one(&crew->ekf[0], crew->has_position[0]);
+        answer_t answer = of_one(&crew->ekf[0], crew->has_position[0]);
+        answer.arm[0] = crew->arm[0][0];
+        answer.arm[1] = crew->arm[0][1];
+        return answer;
     }
     return fusion->settings.method == FUSION_EKF_CI ? intersected(crew) : weighed(crew);
+}
+
+/* Adaptive's heading in place of the filters', and the position of the boat's reference point in place of the antennas'. */
+static void adapt(const fusion_t *fusion, int64_t t_us, answer_t *answer)
+{
+    if (!adaptive_heading(&fusion->adaptive, t_us, &answer->heading, &answer->sigma)) {
+        answer->heading = NAN;
+        return;
+    }
+    const double c = cos(answer->heading);
+    const double s = sin(answer->heading);
+    answer->north -= c * answer->arm[0] - s * answer->arm[1];
+    answer->east -= s * answer->arm[0] + c * answer->arm[1];
 }
 
 static fusion_mode_t heading_mode(const fusion_t *fusion, int64_t t_us, const answer_t *answer)
@@ -189,9 +212,8 @@ void fusion_estimate(const fusion_t *fusion, int64_t t_us, estimate_t *estimate)
     crew_t crew;
     gather(fusion, t_us, &crew, estimate);
     answer_t answer = answer_of(fusion, &crew);
-    if (fusion->settings.method == FUSION_ADAPTIVE &&
-        !adaptive_heading(&fusion->adaptive, t_us, &answer.heading, &answer.sigma)) {
-        answer.heading = NAN;
+    if (fusion->settings.method == FUSION_ADAPTIVE) {
+        adapt(fusion, t_us, &answer);
     }
     estimate->mode = (int32_t)heading_mode(fusion, t_us, &answer);
     estimate->pos_mode = (int32_t)position_mode(fusion, t_us, &answer);
@@ -206,6 +228,20 @@ void fusion_estimate(const fusion_t *fusion, int64_t t_us, estimate_t *estimate)
         estimate->lat_deg = lat / ANGLE_DEGREE;
         estimate->lon_deg = lon / ANGLE_DEGREE;
     }
+}
+
+double fusion_mean_nis(const fusion_t *fusion)
+{
+    if (fusion->settings.method == FUSION_ADAPTIVE) {
+        return fusion->adaptive.nis / fusion->adaptive.headings; /* 0 / 0: none is NaN */
+    }
+    double nis = 0.0;
+    int headings = 0;
+    for (int i = 0; i < fusion->settings.n_gps; i++) {
+        nis += fusion->filter[i].nis;
+        headings += fusion->filter[i].headings;
+    }
+    return nis / headings;
 }
 
 int fusion_next_row(fusion_t *fusion, int64_t t_us, estimate_t *row)

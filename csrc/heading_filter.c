@@ -65,6 +65,12 @@ ekf_status_t heading_filter_measure(heading_filter_t *filter, int64_t t_us, cons
         return has_heading ? start(filter, t_us, z, has_position, noise) : EKF_SKIPPED;
     }
     uint32_t rows = has_heading ? HEADING_ROW : 0;
+    if (has_heading) {
+        const double innovation = angle_wrap(z[HEADING_PSI] - (double)filter->ekf.x[HEADING_PSI]);
+        filter->nis +=
+            innovation * innovation / ((double)filter->ekf.P[HEADING_PSI][HEADING_PSI] + noise->r[HEADING_PSI]);
+        filter->headings++;
+    }
     if (has_position) {
         if (source_seconds_since(filter->position_us, t_us) > position_expires_s) {
             anchor(filter, z, noise);

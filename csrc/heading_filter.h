@@ -32,6 +32,8 @@ typedef struct {
     int running;
     int has_position;
     int64_t position_us; /* stamp of the last position taken */
+    double nis;          /* sum of the normalised innovations squared of the headings taken, */
+    int headings;        /* and their number */
 } heading_filter_t;
 
 /* Forgets the state. */

@@ -29,11 +29,13 @@ from tinyekf_py.config_key import (
     nonempty_text,
     number,
     numbers,
+    places,
     table,
     tables_of,
     text,
     words,
 )
+from tinyekf_py.fusion_config import METHODS, PAPER_METHODS, PAPER_Q, PAPER_R, FusionConfig
 from tinyekf_py.outputs.settings import (
     NmeaConfig,
     NmeaSerialConfig,
@@ -60,11 +62,6 @@ __all__ = [
     "result_config",
 ]
 
-#: The methods of the papers: their standard deviation is that of their own covariance, and uncalibrated.
-PAPER_METHODS = ("cnw-ekf", "cnw3", "ekf-ci")
-METHODS = (*PAPER_METHODS, "adaptive")
-#: The papers' noise of position (m^2) and heading (degrees^2): process noise per second, and measurement noise.
-PAPER_Q, PAPER_R = (0.01, 0.01, 10.0), (0.3, 0.07, 0.03)
 TASKS = task_names(tuple(SOURCES), MAX_GPS)
 Section = TypeVar("Section", bound="DataclassInstance")
 
@@ -82,6 +79,13 @@ class VesselConfig:
         "Magnetic variation; auto takes it from the World Magnetic Model, else from the GPS or the compass.",
         number(-180, 180, or_word="auto"),
         unit="degrees, east positive",
+        shapes_result=True,
+    )
+    antennas_m: tuple[tuple[float, ...], ...] = key(
+        (),
+        "GPS antennas: [ahead, to starboard] of gps1, of gps2, ..., from the reference point; for method adaptive.",
+        places(MAX_GPS, 200),
+        unit="m",
         shapes_result=True,
     )
 
@@ -172,6 +176,13 @@ class ImuConfig(SensorConfig):
         choice("gravity", "specific-force"),
         shapes_result=True,
     )
+    gyro_bias_dps: tuple[float, ...] = key(
+        (0.0, 0.0, 0.0),
+        "What the gyro shows at rest about its own axes, taken off its readings; tinyekf calibrate gyro finds it.",
+        numbers("xyz", -50, 50),
+        unit="degrees/s",
+        shapes_result=True,
+    )
     latency_ms: float = key(
         0.0,
         "How long after the moment measured its lines arrive; only method adaptive uses it.",
@@ -179,49 +190,6 @@ class ImuConfig(SensorConfig):
         unit="milliseconds",
         shapes_result=True,
     )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CnwEkfConfig:
-    """Method cnw-ekf."""
-
-    gps: int = key(
-        1, "The receiver whose filter gives the heading: 1 for gps1.", integer(1, MAX_GPS), shapes_result=True
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FusionConfig:
-    """How the sensors become one heading."""
-
-    method: str = key(
-        "adaptive",
-        "adaptive (ours), or the papers' cnw-ekf (one filter), cnw3 (one a receiver, weighed), ekf-ci (intersected).",
-        choice(*METHODS),
-        shapes_result=True,
-    )
-    max_sigma_deg: float = key(
-        30.0,
-        "A heading whose standard deviation is above this is invalid, and not given.",
-        number(0.1, 180),
-        unit="degrees",
-        shapes_result=True,
-    )
-    q: tuple[float, ...] = key(
-        PAPER_Q,
-        "Process noise of the papers' filters as [north, east, heading]; tinyekf tune estimates it.",
-        numbers(("north", "east", "heading"), 1e-9, 1e9),
-        unit="m^2/s, m^2/s, degrees^2/s",
-        shapes_result=True,
-    )
-    r: tuple[float, ...] = key(
-        PAPER_R,
-        "Measurement noise of the papers' filters as [north, east, heading]; tinyekf tune estimates it.",
-        numbers(("north", "east", "heading"), 1e-9, 1e9),
-        unit="m^2, m^2, degrees^2",
-        shapes_result=True,
-    )
-    cnw_ekf: CnwEkfConfig = table(CnwEkfConfig(), "cnw-ekf")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -276,7 +244,7 @@ class Config:
     sensors: Mapping[str, SensorConfig] = field(
         default_factory=lambda: {name: default_sensor(name) for name in (*DEFAULT_GPS, "compass", "imu")}
     )
-    fusion: FusionConfig = FusionConfig()
+    fusion: FusionConfig = field(default=FusionConfig())
     tasks: TasksConfig = TasksConfig()
     outputs: OutputsConfig = OutputsConfig()
     recording: RecordingConfig = RecordingConfig()

@@ -114,6 +114,18 @@ def numbers(names: Sequence[str], lowest: float, highest: float) -> Check:
     return check
 
 
+def places(most: int, reach_m: float) -> Check:
+    """A list of up to `most` places [ahead, to starboard], each number at most `reach_m` either way."""
+    one = numbers(("ahead", "to starboard"), -reach_m, reach_m)
+
+    def check(value: object) -> tuple[object, ...]:
+        if not isinstance(value, list | tuple) or len(value) > most:
+            raise ValueError(f"must be a list of at most {most} places [ahead, to starboard]")
+        return tuple(one(item) for item in value)
+
+    return check
+
+
 def choice(*words: str) -> Check:
     def check(value: object) -> str:
         if not isinstance(value, str):

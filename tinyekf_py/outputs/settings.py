@@ -11,6 +11,20 @@ from tinyekf_py.config_key import boolean, integer, key, nonempty_text, number, 
 #: The sentences that can be sent, by their formatter.
 SENTENCES = ("HDT", "THS", "HDG", "HDM", "ROT", "XDR", "GGA", "RMC", "ALR")
 
+
+def _talker(value: object) -> str:
+    if not isinstance(value, str) or len(value) != 2 or not (value.isascii() and value.isalpha() and value.isupper()):
+        raise ValueError("must be two capital letters in quotes")
+    return value
+
+
+def _device(value: object) -> str:
+    path = nonempty_text(value)
+    if "://" in path:
+        raise ValueError("must be a device, not a URL; outputs.nmea_tcp and outputs.nmea_udp serve networks")
+    return path
+
+
 _port = integer(1, 65535)
 _enabled = "Whether this output is on."
 _host = "Address to listen on; 127.0.0.1 is this machine alone, 0.0.0.0 everybody who can reach it."
@@ -20,7 +34,7 @@ _host = "Address to listen on; 127.0.0.1 is this machine alone, 0.0.0.0 everybod
 class NmeaConfig:
     """NMEA 0183, over whichever of the three ways below are on."""
 
-    talker: str = key("GP", "Talker of every sentence, two letters; gpsd takes a heading only from GP.", text)
+    talker: str = key("GP", "Talker of every sentence, two letters; gpsd takes a heading only from GP.", _talker)
     sentences: tuple[str, ...] = key(SENTENCES, "Which sentences are sent.", words(*SENTENCES))
     rate_hz: float = key(10.0, "How often they are sent.", number(1, 10), unit="Hz")
     send_deviation: bool = key(
@@ -50,10 +64,10 @@ class NmeaUdpConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NmeaSerialConfig:
-    """NMEA 0183 over a serial line."""
+    """NMEA 0183 over a serial line or a pty."""
 
     enabled: bool = key(False, _enabled, boolean)
-    port: str = key("/dev/ttyUSB9", "A device, or a URL as the sensors' ports may be.", nonempty_text)
+    port: str = key("/dev/fjNMEA", "The device.", _device)
     baud: int = key(38400, "Its speed; 4800 is the standard's own and takes few sentences.", integer(1200, 4_000_000))
 
 

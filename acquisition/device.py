@@ -56,7 +56,7 @@ class DeviceState:
     pid: int = 0  #: of the worker; 0 when there is none
     restarts: int = 0  #: of the worker, since the program started
     last_line_us: int = -1  #: stamp of the last line, microseconds since the start; -1 before the first
-    rate_hz: float = 0.0  #: samples per second over the last second or so
+    rate_hz: float = float("nan")  #: samples per second over the last second or so; NaN before that has passed
     counts: Counter[str] = field(default_factory=Counter)  #: lines, samples, bytes, and what was dropped, by reason
     last_error: str = ""  #: of the decoder or the worker, one line
 

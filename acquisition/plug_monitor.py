@@ -36,6 +36,10 @@ class PlugMonitor:
                 nodes.append(device.device_node)
         return nodes
 
+    def close(self) -> None:
+        """Listen no more."""
+        del self._monitor  # closes its socket
+
 
 def open_plug_monitor() -> PlugMonitor | None:
     """The monitor, or None where there is no udev."""

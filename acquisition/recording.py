@@ -112,12 +112,16 @@ class RecordingReader:
     def __init__(self, paths: Sequence[str | Path]) -> None:
         if not paths:
             raise RecordingError("no recording was named")
+        named = [Path(path).resolve() for path in paths]
+        twice = next((path for path, one in zip(paths, named, strict=True) if named.count(one) > 1), None)
+        if twice is not None:
+            raise RecordingError(f"{twice} is named twice; name each piece of a recording once")
         pieces = [_Piece(Path(path), continued=len(paths) > 1) for path in paths]
         pieces.sort(key=lambda piece: piece.first_us)
         starts = {piece.start_utc for piece in pieces if piece.start_utc is not None}
         if len(starts) > 1:
-            named = ", ".join(f"{piece.path} at {piece.start_utc:%FT%T}" for piece in pieces if piece.start_utc)
-            raise RecordingError(f"not the pieces of one recording, they start at different times: {named}")
+            begun = ", ".join(f"{piece.path} at {piece.start_utc:%FT%T}" for piece in pieces if piece.start_utc)
+            raise RecordingError(f"not the pieces of one recording, they start at different times: {begun}")
         if not any(piece.has_header for piece in pieces):
             raise _not_a_recording(pieces[0].path)
         self._pieces = pieces

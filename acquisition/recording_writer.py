@@ -50,7 +50,7 @@ class RecordingWriter:
             return text + f"#config tasks.stopped={toml_value(list(stopped))}\n".encode()
 
         try:
-            _set_aside(Path(path))
+            set_aside(Path(path))
             self._file = BackgroundFile(path, text, render, rotation=rotation, continued=continued, gap=_gap)
         except OSError as error:
             raise RecordingError(f"cannot record to {path}: {error.strerror}") from error
@@ -89,8 +89,14 @@ class RecordingWriter:
 _Entry = tuple[int, str, bytes] | tuple[int, str, str]
 
 
-def _set_aside(path: Path) -> None:
-    """Rename an earlier recording at `path`, and what is left of its pieces: a restart must not cost a voyage."""
+def truth_beside(path: Path) -> Path:
+    """Where the truth of a simulated recording is: `r.truth.csv` beside `r.log` or `r.log.gz`."""
+    plain = path.with_suffix("") if path.suffix == ".gz" else path
+    return plain.with_suffix(".truth.csv")
+
+
+def set_aside(path: Path) -> None:
+    """Rename an earlier recording at `path`, what is left of its pieces and its truth: a restart costs no voyage."""
     if path.exists() and not path.is_file():
         return  # a device or a pipe
     old = [piece for piece in (path, *pieces_of(path)) if piece.is_file() and piece.stat().st_size > 0]
@@ -105,8 +111,11 @@ def _set_aside(path: Path) -> None:
     while path.with_name(name + path.suffix).exists():
         number += 1
         name = f"{stem}-{number}"
-    for piece in old:
-        piece.rename(piece.with_name(name + piece.name.removeprefix(path.stem)))
+    try:
+        for piece in (*old, *filter(Path.exists, [truth_beside(path)])):
+            piece.rename(piece.with_name(name + piece.name.removeprefix(path.stem)))
+    except OSError as error:
+        raise RecordingError(f"cannot set the earlier recording {path} aside: {error.strerror}") from error
     _log.info("the earlier recording %s is now %s", path, name + path.suffix)
 
 

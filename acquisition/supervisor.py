@@ -131,6 +131,9 @@ class Supervisor:
         for process in processes:
             process.release()
         self._selector.close()
+        if self._plug_monitor is not None:
+            self._plug_monitor.close()
+            self._plug_monitor = None
 
     def _look_for_plugged(self) -> None:
         """Something was plugged in: whoever waits for a device looks whether it is his."""

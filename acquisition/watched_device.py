@@ -59,7 +59,7 @@ class WatchedDevice:
         self._past += self._current
         self._current = Counter()
         self.state.pid = 0
-        self.state.rate_hz = 0.0
+        self.state.rate_hz = float("nan")
         self.state.port_state = CLOSED
         self.state.port_text = "its worker is being restarted"
 

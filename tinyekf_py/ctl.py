@@ -52,7 +52,8 @@ def status_text(status: dict[str, Any]) -> str:
     lines += ["", row.format("sensor", "port", "rate Hz", "lines", "samples", "restarts", "stale s", "dropped")]
     for name, sensor in status["sensors"].items():
         dropped = ", ".join(f"{reason} {n}" for reason, n in sensor["dropped"].items()) or "none"
-        numbers = (f"{sensor['rate_hz']:.1f}", sensor["lines"], sensor["samples"], sensor["restarts"])
+        rate = "---" if sensor["rate_hz"] is None else f"{sensor['rate_hz']:.1f}"
+        numbers = (rate, sensor["lines"], sensor["samples"], sensor["restarts"])
         lines.append(row.format(name, sensor["port_state"], *numbers, f"{sensor['stale_s']:.1f}", dropped))
     recording = status["recording"]
     if recording["path"]:

@@ -211,7 +211,7 @@ class LiveRun:
                 "port_state": row.port_state,
                 "port_text": row.port_text,
                 "pid": states[row.name].pid,
-                "rate_hz": round(row.rate_hz, 2),
+                "rate_hz": round(row.rate_hz, 2) if math.isfinite(row.rate_hz) else None,
                 "age_s": round(row.age_s, 3) if math.isfinite(row.age_s) else None,
                 "restarts": row.restarts,
                 "stale_s": row.down_s,

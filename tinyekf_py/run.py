@@ -19,6 +19,7 @@ from types import FrameType
 
 from acquisition.device import DeviceError
 from acquisition.recording import RecordingError, read_recording
+from acquisition.recording_writer import set_aside, truth_beside
 from acquisition.simulator.scenarios import ScenarioError
 from tinyekf_py.command_line import OneLineParser, complain, positive_seconds
 from tinyekf_py.config import METHODS, Config, ConfigError, apply_flat, config_text, load_config
@@ -82,6 +83,8 @@ def _check(parser: OneLineParser, options: argparse.Namespace) -> None:
         parser.error("--scenario and --seed go with --simulate")
     if options.replay and options.output is None and options.speed is None:
         parser.error("--replay needs --output CSV (or --speed 1, to watch it)")
+    if options.replay and options.speed is None and options.duration is not None:
+        parser.error("--duration goes with a live run, or with --replay at a --speed")
     if options.replay and options.output and any(_is_one_file(options.output, path) for path in options.replay):
         parser.error(f"--output {options.output} would overwrite the recording that is replayed")
 
@@ -119,9 +122,11 @@ def _live(options: argparse.Namespace) -> int:
     if not options.simulate:
         return _run_live(LiveRun(config, start_us=start_us), options)
     recording = Path(outputs.recording)
-    truth = recording.with_suffix(".truth.csv") if recording.name else None
-    if truth is not None and not truth.parent.is_dir():
-        truth = None  # the recording will complain
+    truth = truth_beside(recording) if recording.name and recording.parent.is_dir() else None
+    if truth is not None:  # what stood there belongs to the earlier recording
+        set_aside(recording)
+        if truth.exists():
+            raise ConfigError(f"the truth of the simulation would overwrite {truth}; give the recording another name")
     wanted = ["--scenario", options.scenario] if options.scenario is not None else []
     wanted += ["--seed", str(options.seed)] if options.seed is not None else []
     with SimulatedDevices(wanted, truth=truth, start_us=start_us) as devices:
@@ -196,7 +201,7 @@ def _rows(replay: Replay) -> Iterator[Estimate]:
 def _watch(replay: Replay, options: argparse.Namespace) -> None:
     """Replay at a pace, with the console."""
     ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda _number, _frame: ended.set())
     with ConsoleView() as view:
 

@@ -217,12 +217,16 @@ def test_printed_configuration_is_a_configuration(tmp_path: Path) -> None:
         (["--simulate", "--record", "/"], "cannot record to /: Is a directory"),
         (["--replay", "good.log", "--output", "./good.log"], "good.log would overwrite the recording"),
         (["--simulate", "--record", "x.log", "--output", "x.log"], "cannot be one file, x.log"),
+        (["--replay", "good.log", "--output", "x.csv", "--duration", "3"], "--duration goes with"),
+        (["--replay", "good.log", "./good.log", "--output", "x.csv"], "good.log is named twice"),
+        (["--simulate", "--record", "dear.log"], "would overwrite dear.truth.csv"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
 def test_mistakes_get_one_line_and_status_2(tmp_path: Path, options: list[str], complaint: str) -> None:
     (tmp_path / "typo.toml").write_text('[fusion]\nmetod = "cnw3"\n')
     (tmp_path / "broken.toml").write_text("[fusion\n")
+    (tmp_path / "dear.truth.csv").write_text("t_s,heading_deg\n")
     (tmp_path / "good.log").write_text("#tinyekf-recording 1\n0.000000 compass $HCHDT,1.0,T*2A\n")
     done = run(tmp_path, *options)
     assert done.returncode == 2

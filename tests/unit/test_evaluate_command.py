@@ -69,6 +69,8 @@ def test_processes_give_what_one_process_gives(voyage: Path, tmp_path: Path) -> 
         ([], "name recordings"),
         (["--scenario", "harbor"], "harbour"),
         (["a.rec", "--paper"], "one of"),
+        (["nope.rec", "--truth", __file__], "nope.rec: no such file"),
+        ([__file__, "--truth", "nope.csv"], "nope.csv: no such file"),
         (["a.rec", "--truth", "a", "b"], "1 recordings but 2 truths"),
         (["--scenario", "dock", "--method", "kalman"], "no method 'kalman'"),
         (["--scenario", "dock", "--seeds", "a"], "--seeds a"),

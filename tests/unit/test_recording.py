@@ -343,6 +343,7 @@ def test_old_pieces_are_removed_and_the_rest_does_without_them(tmp_path: Path) -
 def test_a_new_recording_sets_the_earlier_one_aside_with_its_pieces(tmp_path: Path) -> None:
     for name in ("r.rec", "r.0001.rec", "r.0042.rec"):
         write(tmp_path / name, b"0.1 imu *1,2,3\n")
+    (tmp_path / "r.truth.csv").write_text("t_s,heading_deg\n")
     for name in ("r.old.rec", "other.0001.rec"):
         (tmp_path / name).write_text("somebody else's")
     RecordingWriter(tmp_path / "r.rec", START, {}, Rotation(1000)).close()
@@ -351,6 +352,7 @@ def test_a_new_recording_sets_the_earlier_one_aside_with_its_pieces(tmp_path: Pa
     pieces = {f"{aside}.rec", f"{aside}.0001.rec", f"{aside}.0042.rec"}
     assert {path.name for path in tmp_path.iterdir()} == {
         "r.rec",
+        f"{aside}.truth.csv",
         f"{aside}-2.rec",
         *pieces,
         "r.old.rec",

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from acquisition.recording_writer import truth_beside
 from acquisition.simulator.grades import GRADES
 from acquisition.simulator.scenarios import Scenario, ScenarioError, scenario_named, settled
 from tinyekf_py.command_line import OneLineParser, complain
@@ -82,6 +83,9 @@ def _check(parser: OneLineParser, options: argparse.Namespace) -> None:
         parser.error(f"{len(options.recordings)} recordings but {len(options.truth)} truths")
     if options.jobs is not None and options.jobs < 1:
         parser.error(f"--jobs {options.jobs}: give 1 or more")
+    missing = next((path for path in (*options.recordings, *(options.truth or ())) if not path.exists()), None)
+    if missing is not None:
+        parser.error(f"{missing}: no such file")
     try:
         options.seed_numbers = seeds_of(options.seeds)
     except ValueError as error:
@@ -112,7 +116,7 @@ def _jobs(options: argparse.Namespace, methods: tuple[str, ...], config: Config 
     if options.paper:
         return paper_jobs(methods, keep_series=keep)
     if options.recordings:
-        truths = options.truth or [_truth_beside(recording) for recording in options.recordings]
+        truths = options.truth or [truth_beside(recording) for recording in options.recordings]
         return [
             Job(
                 recording.stem,
@@ -145,12 +149,6 @@ def _jobs(options: argparse.Namespace, methods: tuple[str, ...], config: Config 
         for scenario in scenarios
         for seed in options.seed_numbers
     ]
-
-
-def _truth_beside(recording: Path) -> Path:
-    """Where `tinyekf run --simulate --record` puts the truth of a recording."""
-    plain = recording.with_suffix("") if recording.suffix == ".gz" else recording
-    return plain.with_suffix(".truth.csv")
 
 
 def _show(results: Results, options: argparse.Namespace, *, pictures: bool) -> int:

@@ -103,6 +103,7 @@ run_wheel tags --remove --platform-tag "$platform" "$work"/packed/*.whl
 
 mkdir -p "$build/$dist"
 if [ "$dist" = dist ]; then
+    quietly "installing this machine's wheel" run_python -m pip install -q "$(echo "$work"/host/*.whl)[geomag]"
     quietly "installing this machine's wheel" run_python -m pip install -q --force-reinstall --no-deps "$work"/host/*.whl
 fi
 wheel=$(basename "$work"/packed/*.whl)

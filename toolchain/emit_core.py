@@ -8,19 +8,16 @@ project's folder, or a copy of it.
 
 from __future__ import annotations
 
-import importlib.util
+import runpy
 import sys
 from pathlib import Path
 
 
 def main() -> None:
     core, flags = sys.argv[1:]
-    spec = importlib.util.spec_from_file_location("core_build", Path("tinyekf_py") / "_core_build.py")
-    assert spec is not None and spec.loader is not None
-    build = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(build)
-    build.ffibuilder.emit_c_code(core)
-    Path(flags).write_text("\n".join(build.COMPILE_ARGS) + "\n", "utf-8")
+    build = runpy.run_path("tinyekf_py/_core_build.py")
+    build["ffibuilder"].emit_c_code(core)
+    Path(flags).write_text("\n".join(build["COMPILE_ARGS"]) + "\n", "utf-8")
 
 
 if __name__ == "__main__":

@@ -42,7 +42,7 @@ need() {
 
 # need_mb N: make the build folder, and refuse when it has less than N MB free.
 need_mb() {
-    mkdir -p "$build/log" 2>/dev/null || refuse "$build cannot be written; give another folder as BOARD_BUILD"
+    { mkdir -p "$build/log" && : >"$log"; } 2>/dev/null || refuse "$build cannot be written; give another folder as BOARD_BUILD"
     local free
     free=$(df --output=avail -BM "$build" | tail -n 1 | tr -dc 0-9)
     [ "$free" -ge "$1" ] || refuse "only $free MB are free in $build, $1 MB are needed"
@@ -56,7 +56,8 @@ need_root() {
 quietly() {
     local what=$1
     shift
-    "$@" >"$log" 2>&1 </dev/null ||
+    echo "== $what: $*" >>"$log"
+    "$@" >>"$log" 2>&1 </dev/null ||
         refuse "$what failed: $(grep -v '^[[:space:]]*$' "$log" | tail -n 1 | cut -c -200) (all of it: $log)"
 }
 
@@ -85,4 +86,12 @@ host_mirror() {
 
 version() {
     sed -n 's/^version = "\(.*\)"$/\1/p' "$project/pyproject.toml"
+}
+
+# Refuse when the kernel does not start programs of $arch.
+need_binfmt() {
+    local name=qemu-arm
+    [ "$arch" = armhf ] || name=qemu-aarch64
+    [ -e "/proc/sys/fs/binfmt_misc/$name" ] ||
+        refuse "the kernel does not start programs of $arch; toolchain/setup-host.sh registers $name"
 }

@@ -87,16 +87,17 @@ class Life:
         *,
         whole: Callable[[dict[str, Any]], object] = is_whole,
         broken: tuple[str, ...] = (),
+        limit_s: float = DEADLINE_S,
     ) -> Row:
         """Break something, wait until it is noticed, repair it, wait until all is whole; the row for the table.
 
-        Sensors that are not `broken` must lose nothing.
+        Sensors that are not `broken` must lose nothing. `limit_s`: until it must have been noticed.
         """
         self.live.until_whole()
         before_s, sent_before = self.now_s(), self.sent()
         began = time.monotonic()
         breaking()
-        self.live.until(noticed, f"{fault}: noticed")
+        self.live.until(noticed, f"{fault}: noticed", limit_s)
         noticed_s = time.monotonic() - began
         repaired = time.monotonic()
         repairing()

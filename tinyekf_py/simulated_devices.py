@@ -41,8 +41,8 @@ class SimulatedDevices:
         self._announced = json.loads(announcement)
 
     def configure(self, config: Config) -> Config:
-        """`config` with the simulated ports and variation, and without the devices that the scenario lacks."""
-        flat: dict[str, object] = {"vessel.variation_deg": self._announced["variation_deg"]}
+        """`config` with the simulated ports, variation and antennas, without the devices that the scenario lacks."""
+        flat: dict[str, object] = {f"vessel.{key}": self._announced[key] for key in ("variation_deg", "antennas_m")}
         for name in config.sources:
             if name in self._announced["ports"]:
                 flat[f"sensors.{name}.port"] = self._announced["ports"][name]

@@ -20,7 +20,7 @@ from acquisition.simulator.grades import GRADES
 from acquisition.simulator.ptys import LinkError, Pty, make_links, next_grid_point, remove_links, serve, utc_tenth
 from acquisition.simulator.recorder import record
 from acquisition.simulator.scenarios import SCENARIOS, Scenario, ScenarioError, scenario_named, settled
-from acquisition.simulator.voyage import START_UTC, Voyage
+from acquisition.simulator.voyage import START_UTC, Voyage, antennas_m
 
 _MAX_DURATION_S = 7 * 86400.0
 
@@ -164,6 +164,7 @@ def _announce(scenario: Scenario, options: argparse.Namespace, ptys: dict[str, P
         "ports": {source: pty.path for source, pty in ptys.items()},
         "links": {source: str(link) for source, link in links.items()},
         "variation_deg": scenario.waters.variation_deg,
+        "antennas_m": antennas_m(),
         "scenario": scenario.name,
         "grade": options.grade,
         "seed": options.seed,

@@ -9,7 +9,7 @@ from acquisition.recording import RecordingError
 from acquisition.recording_writer import RecordingWriter
 from acquisition.simulator.scenarios import DEVICES, Scenario
 from acquisition.simulator.vessel import STEP_US, Motion
-from acquisition.simulator.voyage import Voyage
+from acquisition.simulator.voyage import Voyage, antennas_m
 
 TRUTH_HEADER = "t_s,heading_deg,lat_deg,lon_deg\n"
 TRUTH_PERIOD_STEPS = 10
@@ -25,7 +25,10 @@ def truth_row(t_s: float, motion: Motion) -> str:
 
 def recording_config(scenario: Scenario) -> dict[str, object]:
     """The `#config` keys that a recording of `scenario` carries: what a navigator would know of his boat."""
-    config: dict[str, object] = {"vessel.variation_deg": scenario.waters.variation_deg}
+    config: dict[str, object] = {
+        "vessel.variation_deg": scenario.waters.variation_deg,
+        "vessel.antennas_m": antennas_m(),
+    }
     config.update({f"sensors.{name}.enabled": False for name in DEVICES if name not in scenario.devices})
     return config
 

@@ -23,6 +23,11 @@ _PERIOD_STEPS = 10  # of GPS and compass
 _COMPASS_PHASE = 3  # the compass does not know the GPS clock
 
 
+def antennas_m() -> list[list[float]]:
+    """Places of gps1, gps2, ... as a configuration has them: ahead and to starboard of the reference point, m."""
+    return [[ahead, to_starboard] for ahead, to_starboard, _ in ANTENNAS_M.values()]
+
+
 class Arrival(NamedTuple):
     """A line, complete at the reader's end of the cable."""
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from acquisition.decoder import make_decoder
@@ -13,9 +14,10 @@ from acquisition.sample import COMPASS, IMU, SOURCES
 from acquisition.simulator.grades import GRADES
 from acquisition.simulator.scenarios import scenario_named, settled
 from acquisition.simulator.vessel import STEP_S
-from acquisition.simulator.voyage import Voyage
+from acquisition.simulator.voyage import Voyage, antennas_m
 from tinyekf_py.config import Config
 from tinyekf_py.fusion import HeadingFusion, sample_dtype
+from tinyekf_py.fusion_config import AdaptiveConfig
 
 
 class Sailed(NamedTuple):
@@ -61,8 +63,8 @@ def sailed(
     return Sailed(samples, np.unwrap(headings, period=360.0))
 
 
-def errors(voyage: Sailed, *, without: tuple[str, ...] = (), method: str = "adaptive") -> Errors:
-    fusion = HeadingFusion(method, variation_deg=-8.0)
+def errors(voyage: Sailed, *, without: tuple[str, ...] = (), method: str = "adaptive", **options: Any) -> Errors:
+    fusion = HeadingFusion(method, variation_deg=-8.0, **options)
     gone = [SOURCES[name] for name in without]
     rows = fusion.run(voyage.samples[~np.isin(voyage.samples["source"], gone)])
     rows = rows[(rows["t_s"] > 20.0) & (rows["t_s"] <= 0.1 * (len(voyage.heading_deg) - 1))]
@@ -171,3 +173,69 @@ def test_batches_do_not_change_the_estimate() -> None:
     parts = np.concatenate([fusion.run(samples[i : i + 777]) for i in range(0, len(samples), 777)])
     assert whole.tobytes() == parts.tobytes()
     assert np.isin(COMPASS, samples["source"])
+
+
+def test_the_position_is_that_of_the_boats_reference_point() -> None:
+    samples = sailed("north", 240.0).samples[:20000]
+    places_m = ((3.0, 1.0), (3.0, 1.0), (3.0, 1.0))
+    there = HeadingFusion("adaptive", variation_deg=-8.0, antennas_m=places_m).run(samples)[-1]
+    papers = HeadingFusion("cnw3", variation_deg=-8.0, antennas_m=places_m).run(samples)[-1]
+    heading = np.radians(there["heading_deg"])
+    north_m = (papers["lat_deg"] - there["lat_deg"]) * 111_000.0
+    east_m = (papers["lon_deg"] - there["lon_deg"]) * 111_000.0 * np.cos(np.radians(there["lat_deg"]))
+    assert north_m * np.cos(heading) + east_m * np.sin(heading) == pytest.approx(3.0, abs=0.05)
+    assert east_m * np.cos(heading) - north_m * np.sin(heading) == pytest.approx(1.0, abs=0.05)
+
+
+def test_what_a_turn_does_to_a_far_antenna_is_taken_off() -> None:
+    """Receivers in the stern: the same voyage with all antennas moved 6 m aft, told and not told."""
+    voyage = sailed("harbour", 300.0)
+    samples = voyage.samples.copy()
+    arm_m = -6.0
+    rate = np.gradient(voyage.heading_deg, 0.1)
+    gps = np.flatnonzero(samples["source"] < COMPASS)
+    moment = samples["t_us"][gps] / 1e6 - 0.12
+    grid = 0.1 * np.arange(len(voyage.heading_deg))
+    heading = np.radians(np.interp(moment, grid, voyage.heading_deg))
+    aside = arm_m * np.radians(np.interp(moment, grid, rate))
+    course = np.radians(np.nan_to_num(samples["course_deg"][gps]))
+    north = samples["speed_mps"][gps] * np.cos(course) - aside * np.sin(heading)
+    east = samples["speed_mps"][gps] * np.sin(course) + aside * np.cos(heading)
+    samples["speed_mps"][gps] = np.hypot(north, east)
+    samples["course_deg"][gps] = np.degrees(np.arctan2(east, north)) % 360.0
+    moved = voyage._replace(samples=samples)
+    told = errors(moved, antennas_m=[(ahead + arm_m, to_starboard) for ahead, to_starboard in antennas_m()])
+    assert told.rmse_deg < 1.0
+    assert told.rmse_deg < 0.5 * errors(moved).rmse_deg
+
+
+def test_what_is_believed_beforehand_can_be_configured() -> None:
+    voyage = sailed("dock", 120.0, circle_first=False, seed=5)
+    usual = errors(voyage)
+    calibrated = errors(voyage, adaptive=AdaptiveConfig(deviation_sigma_deg=(0.3,) * 5, leeway_deg=0.0))
+    assert np.mean(calibrated.sigma_deg) < 0.4 * np.mean(usual.sigma_deg)
+    with pytest.raises(ValueError, match="out of range"):
+        HeadingFusion("adaptive", adaptive=AdaptiveConfig(current_chance=1.0))
+
+
+def test_a_configured_gyro_bias_is_taken_off_in_every_method() -> None:
+    samples = sailed("north", 240.0).samples[:8000]
+    bent = samples.copy()
+    gyro = bent["gyro_dps"][bent["source"] == IMU] + np.array([1.0, -2.0, 3.0])
+    bent["gyro_dps"][bent["source"] == IMU] = gyro
+    for method in ("adaptive", "cnw3"):
+        straight = HeadingFusion(method, variation_deg=-8.0).run(samples)
+        mended = HeadingFusion(method, variation_deg=-8.0, gyro_bias_dps=(1.0, -2.0, 3.0)).run(bent)
+        assert np.allclose(straight["heading_deg"], mended["heading_deg"], atol=1e-6, equal_nan=True), method
+
+
+def test_mean_nis_tells_noise_that_is_too_small() -> None:
+    samples = sailed("north", 240.0).samples[:8000]
+    nis = {}
+    for method in ("adaptive", "cnw3"):
+        fusion = HeadingFusion(method, variation_deg=-8.0)
+        assert np.isnan(fusion.mean_nis)
+        fusion.run(samples)
+        nis[method] = fusion.mean_nis
+    assert 0.0 < nis["adaptive"] < 1.5
+    assert nis["cnw3"] > 3.0  # the papers' R is far too small for forward azimuth

@@ -75,7 +75,10 @@ def test_recording_holds_the_voyage_and_truth_its_grid(tmp_path: Path) -> None:
     assert [tuple(entry) for entry in reader if isinstance(entry, Line)] == [tuple(line) for line in sail(seed=8)]
     assert not reader.dropped
     assert reader.start_utc == START_UTC
-    assert reader.config == {"vessel.variation_deg": -8.0}
+    assert reader.config == {
+        "vessel.variation_deg": -8.0,
+        "vessel.antennas_m": [[1.5, -0.8], [1.5, 0.8], [-1.2, 0.0]],
+    }
     header, *rows = truth.read_text().splitlines()
     assert header == "t_s,heading_deg,lat_deg,lon_deg"
     assert [row.split(",")[0] for row in rows] == [f"{i / 10:.1f}" for i in range(101)]

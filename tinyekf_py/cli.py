@@ -13,6 +13,7 @@ COMMANDS = {
     "calibrate": ("tinyekf_py.calibrate.command", "the compass' deviation and the gyro's bias, from a recording"),
     "tune": ("tinyekf_py.tune", "Q and R of the papers' filters, from recordings"),
     "evaluate": ("tinyekf_py.evaluate.command", "methods against the truth: a table and pictures"),
+    "export": ("tinyekf_py.export.command", "a recording as CSV, Parquet or MCAP for other tools"),
     "devices": ("tinyekf_py.devices", "find the sensors, give them lasting names, check these"),
     "simulate": ("acquisition.simulator.command", "a boat with five devices, as a recording with truth or on ptys"),
     "vehicle": ("tinyekf_py.vehicle.command", "position and azimuth of a land vehicle"),

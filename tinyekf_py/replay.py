@@ -63,6 +63,13 @@ class Replay:
         """What became of each source's lines, by its name: "lines", "samples", and one key for each reason."""
         return {name: decoder.counts for name, decoder in self._decoders.items()}
 
+    def losses(self) -> Iterator[str]:
+        """What was dropped, one line for the recording and each source of which something was."""
+        for source, counts in {"recording": self.reader.dropped, **self.counts}.items():
+            dropped = {reason: n for reason, n in counts.items() if n and reason not in ("lines", "samples", "unused")}
+            if dropped:
+                yield f"{source}: dropped {', '.join(f'{n} {reason}' for reason, n in dropped.items())}"
+
     def _renew(self, name: str) -> None:
         sensor = self.config.sensors[name]
         counts = self._decoders[name].counts if name in self._decoders else None

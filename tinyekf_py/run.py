@@ -180,10 +180,8 @@ def _replay(options: argparse.Namespace) -> int:
         write_heading_csv(options.output, _rows(replay), replay.fusion.n_gps)
     for notice in replay.fusion.take_notices():
         _log.warning("%s", notice)
-    for source, counts in {"recording": reader.dropped, **replay.counts}.items():
-        dropped = {reason: n for reason, n in counts.items() if reason not in ("lines", "samples", "unused")}
-        if dropped:
-            _log.warning("%s: dropped %s", source, ", ".join(f"{n} {reason}" for reason, n in dropped.items()))
+    for loss in replay.losses():
+        _log.warning("%s", loss)
     return 0
 
 

@@ -7,6 +7,7 @@ connection by saying little.
 from __future__ import annotations
 
 import asyncio
+import re
 import socket
 import time
 from collections import Counter
@@ -23,7 +24,11 @@ MAX_REQUEST = 16384
 SOCKET_BURST, SOCKET_BYTES_PER_S = 16384, 1024
 #: The kernel's share of what waits for a slow client, bytes.
 SEND_BUFFER = 32768
-_REFUSAL = b"HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
+_REFUSAL = b"HTTP/1.1 %s\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
+#: All that a request is made of; parsers differ, and fail, in what they make of other bytes.
+_PRINTABLE = bytes((*b"\t\r\n", *range(0x20, 0x7F)))
+_FIRST_LINE = re.compile(rb"[A-Z]{3,7} /(?:[!-.0-~][!-~]{0,254})? HTTP/1\.[01]\r\n")
+_LONGEST_FIRST_LINE = 280  # bytes
 
 
 class Connections:
@@ -67,6 +72,7 @@ class Guard(asyncio.Protocol):
         self._transport: asyncio.Transport | None = None
         self._deadline: asyncio.TimerHandle | None = None
         self._allowed = float(MAX_REQUEST)
+        self._first_line: bytes | None = b""  # until it is whole
         self._refilled_at_s = 0.0
         self.address = ""
 
@@ -76,8 +82,7 @@ class Guard(asyncio.Protocol):
         peer = transport.get_extra_info("peername")
         self.address = str(peer[0]) if peer else ""
         if not self._connections.admit(self):
-            self._transport.write(_REFUSAL)
-            self._transport.close()
+            self._hang_up(b"503 Service Unavailable")
             return
         transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         self._deadline = asyncio.get_running_loop().call_later(REQUEST_PATIENCE_S, self._expire)
@@ -109,6 +114,19 @@ class Guard(asyncio.Protocol):
             self._connections.refused["size"] += 1
             self._transport.abort()
             return
+        if not self._refilled_at_s:
+            if data.translate(None, _PRINTABLE):
+                self._refuse_malformed()
+                return
+            if self._first_line is not None:
+                data = self._first_line + data
+                if b"\n" not in data and len(data) < _LONGEST_FIRST_LINE:
+                    self._first_line = data
+                    return
+                if not _FIRST_LINE.match(data):
+                    self._refuse_malformed()
+                    return
+                self._first_line = None
         self._inner.data_received(data)
 
     def eof_received(self) -> bool | None:
@@ -132,6 +150,15 @@ class Guard(asyncio.Protocol):
         """The client has caught up."""
         if self._inner is not None:
             self._inner.resume_writing()
+
+    def _refuse_malformed(self) -> None:
+        self._connections.refused["malformed"] += 1
+        self._hang_up(b"400 Bad Request")
+
+    def _hang_up(self, status: bytes) -> None:
+        if self._transport is not None:
+            self._transport.write(_REFUSAL % status)
+            self._transport.close()
 
     def _expire(self) -> None:
         self._connections.refused["time"] += 1

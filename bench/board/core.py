@@ -35,8 +35,8 @@ TOOLS = {
     "valgrind": "valgrind",
 }
 ARM = ("arm-linux-gnueabihf-gcc", "-mcpu=cortex-a8", "-mfpu=neon", "-mfloat-abi=hard", "-static")
-#: Clock of the BeagleBone Black, and the instructions a cycle that are not floating point: an assumption.
-CLOCK_HZ, IPC = 1e9, 0.5
+#: Clock of the BeagleBone Black, and the instructions a cycle that are not floating point: an assumption (README.md).
+CLOCK_HZ, IPC = 1e9, 0.25
 TRANSFER_CYCLES = 20  # from the floating-point unit to the core
 SINGLE_NEON_CYCLES = 1  # single precision in the NEON pipeline (RunFast mode), independent operations
 

@@ -1,6 +1,6 @@
 """What the live program costs the board: ARM instructions of each of its processes over a minute at full rates.
 
-    python bench/board/live.py ROOT [--seconds N] [--screen] [--source DIR]
+    python bench/board/live.py ROOT [--seconds N] [--screen] [--web] [--source DIR]
 
 ROOT is the emulated board's root (toolchain/emulated-board.sh), or any armhf Debian with the program's packages;
 DIR holds `acquisition` and `tinyekf_py` with the armhf core (default: those installed in ROOT). The simulator runs on
@@ -25,6 +25,7 @@ import time
 from pathlib import Path
 
 from core import CLOCK_HZ, IPC, TRANSFER_CYCLES, VARIATION_DEG, build_counter
+from live_load import free_port, read_stream  # core.py has made the folder above known
 
 COUNTERS = 9  # of counters.h
 START_LIMIT_S = 180.0  # an emulated start is slow
@@ -51,7 +52,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--screen", action="store_true", help="with the full-screen console instead of plain lines")
     parser.add_argument("--source", type=Path, help="folder with the program and its armhf core")
-    parser.add_argument("--config", type=Path, help="more of the configuration, appended (outputs)")
+    parser.add_argument("--web", action="store_true", help="with the live page, one browser's stream being read")
     options = parser.parse_args()
     if shutil.which("qemu-arm") is None:
         print("live.py: qemu-arm is missing; install it with: apt-get install qemu-user", file=sys.stderr)
@@ -76,9 +77,9 @@ def measure(options: argparse.Namespace, folder: Path) -> None:
     shutil.copy(library, folder)
     config = folder / "tinyekf.toml"
     ports = "".join(f'[sensors.{source}]\nport = "{folder}/{link}"\n' for source, link in LINKS.items())
-    config.write_text(
-        f"[vessel]\nvariation_deg = {VARIATION_DEG}\n" + ports + (options.config.read_text() if options.config else "")
-    )
+    port = free_port()
+    web = f'[outputs.web]\nenabled = true\nport = {port}\ntoken_file = "{folder}/token"\n' if options.web else ""
+    config.write_text(f"[vessel]\nvariation_deg = {VARIATION_DEG}\n{ports}{web}")
     simulator = subprocess.Popen(
         [sys.executable, "-m", "acquisition.simulator", "--ptys", "--links", folder], stdout=subprocess.PIPE, text=True
     )
@@ -98,6 +99,8 @@ def measure(options: argparse.Namespace, folder: Path) -> None:
         program = subprocess.Popen(enter, stdout=out, stderr=log, env=environment)
         try:
             wait_until_all_speak(program, folder / "r.log")
+            if options.web:
+                threading.Thread(target=read_stream, args=(port,), daemon=True).start()
             time.sleep(WARM_UP_S)
             before, began = read_all(counts), time.monotonic()
             switches = {pid: switches_of(pid) for pid in before}
@@ -166,8 +169,7 @@ def lines_of(path: Path) -> int:
 def name_of(pid: int) -> str:
     command = Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " ")
     worker = re.search(r'acquisition\.worker .*?"name": "(\w+)"', command)
-    outputs = re.search(r"tinyekf_py\.outputs\S*", command)
-    return f"worker {worker[1]}" if worker else outputs[0] if outputs else "fusion"
+    return f"worker {worker[1]}" if worker else "outputs" if "tinyekf_py.outputs" in command else "fusion"
 
 
 def _drain(descriptor: int) -> None:

@@ -49,7 +49,7 @@ class Instruments:
         row = SensorRow(name, port_state)
         if sample is None:
             return row
-        row = row._replace(age_s=(t_us - sample.t_us) / 1e6)
+        row = row._replace(age_s=max(0.0, (t_us - sample.t_us) / 1e6))
         if isinstance(sample, GpsSample):
             weight = self._fusion.weight_at(t_us, sample.source)
             row = row._replace(fix_quality=sample.fix_quality, hdop=sample.hdop, weight=weight)
@@ -109,6 +109,7 @@ class Instruments:
             for name, sample in self._last.items()
             if isinstance(sample, GpsSample)
             and sample.fix_quality >= 1
+            and t_us - sample.t_us <= MAX_SENSOR_AGE_S * 1e6
             and math.isfinite(weight := self._fusion.weight_at(t_us, sample.source))
         }
         if not weights:

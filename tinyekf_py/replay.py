@@ -116,26 +116,43 @@ class Replay:
         self.reader.dropped["unknown task"] += not known
         return known
 
-    def paced(self, speed: float, wait: Callable[[float], bool]) -> Iterator[list[Estimate]]:
-        """The rows one by one at `speed` times real time; `wait(seconds)` waits, and says True to end early."""
+    def paced(
+        self,
+        speed: float,
+        wait: Callable[[float], bool],
+        take: Callable[[str, bytes], None] | None = None,
+        obey: Callable[[Event], None] | None = None,
+    ) -> Iterator[Estimate]:
+        """The rows at `speed` times real time; `wait(seconds)` waits, and says True to end early.
+
+        `take` and `obey` are told of each sensor's samples and of each event once the rows before it are through.
+        """
         began = time.monotonic()
         first_us: int | None = None
-        for rows in self._line_by_line():
+        for entry in self.reader:
+            records = b""
+            if isinstance(entry, Event):
+                rows = self._obeyed(entry)
+            elif entry.source in self._decoders:
+                samples = self._decoders[entry.source].decode(entry.t_us, entry.line)
+                records = b"".join(sample.pack() for sample in samples)
+                rows = self.fusion.feed_records(records) if records else []
+            else:
+                continue
             for row in rows:
                 first_us = row.t_us if first_us is None else first_us
                 due = began + (row.t_us - first_us) / 1e6 / speed
                 if wait(max(0.0, due - time.monotonic())):
                     return
-                yield [row]
-
-    def _line_by_line(self) -> Iterator[list[Estimate]]:
-        for entry in self.reader:
+                yield row
             if isinstance(entry, Event):
-                if entry.verb == "restart":
-                    self._restart(entry.name)
-                elif self._knows(entry):
-                    yield self.fusion.obey(entry)
-            elif entry.source in self._decoders:
-                samples = self._decoders[entry.source].decode(entry.t_us, entry.line)
-                if samples:
-                    yield self.fusion.feed_records(b"".join(sample.pack() for sample in samples))
+                if obey is not None:
+                    obey(entry)
+            elif records and take is not None:
+                take(entry.source, records)
+
+    def _obeyed(self, event: Event) -> list[Estimate]:
+        if event.verb == "restart":
+            self._restart(event.name)
+            return []
+        return self.fusion.obey(event) if self._knows(event) else []

@@ -13,7 +13,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import FrameType
 
@@ -28,13 +28,22 @@ from tinyekf_py.console_keys import ConsoleKeys
 from tinyekf_py.estimate import Estimate
 from tinyekf_py.heading_csv import HeadingCsvError, write_heading_csv
 from tinyekf_py.live import LiveRun
+from tinyekf_py.outputs.launcher import OutputProcess
+from tinyekf_py.outputs.settings import switched_on
 from tinyekf_py.program_log import start_program_log
 from tinyekf_py.replay import Replay
 from tinyekf_py.simulated_devices import SimulatedDevices, SimulationError
-from tinyekf_py.view_state import ViewState
+from tinyekf_py.watched_replay import WatchedReplay
 
 DEFAULT_CONFIG = Path("tinyekf.toml")
 PROGRESS_PERIOD_S = 2.0
+FRAME_PERIOD_S = 0.05  # shortest time between two frames of a fast replay for the outputs
+#: Flag, the table of the configuration that it switches on, and what that serves.
+SERVED = (
+    ("--web", "outputs.web", "the live page"),
+    ("--nmea-tcp", "outputs.nmea_tcp", "NMEA 0183 by TCP"),
+    ("--signalk", "outputs.signalk", "Signal K deltas by TCP"),
+)
 
 _log = logging.getLogger(__name__)
 
@@ -50,6 +59,10 @@ def _parser() -> OneLineParser:
     parser.add_argument("--speed", type=float, metavar="X", help="with --replay: X times real time, with the console")
     parser.add_argument("--record", type=Path, metavar="REC", help="record every line received")
     parser.add_argument("--output", type=Path, metavar="CSV", help="write the heading CSV")
+    for flag, table, what in SERVED:
+        parser.add_argument(
+            flag, nargs="?", type=int, const=True, metavar="PORT", help=f"serve {what} on PORT (default: {table}.port)"
+        )
     parser.add_argument("--method", metavar="M", help=f"one of {', '.join(METHODS)}")
     parser.add_argument("--duration", type=positive_seconds, metavar="SECONDS", help="end after this long")
     return parser
@@ -83,10 +96,24 @@ def _check(parser: OneLineParser, options: argparse.Namespace) -> None:
         parser.error("--scenario and --seed go with --simulate")
     if options.replay and options.output is None and options.speed is None:
         parser.error("--replay needs --output CSV (or --speed 1, to watch it)")
+    if options.replay and options.speed is None and _served(options):
+        parser.error(f"{', '.join(flag for flag, _, _ in SERVED)} go with a live run, or with --replay at a --speed")
     if options.replay and options.speed is None and options.duration is not None:
         parser.error("--duration goes with a live run, or with --replay at a --speed")
     if options.replay and options.output and any(_is_one_file(options.output, path) for path in options.replay):
         parser.error(f"--output {options.output} would overwrite the recording that is replayed")
+
+
+def _served(options: argparse.Namespace) -> dict[str, object]:
+    """The keys of the configuration that switch on what the command line wants served."""
+    flat: dict[str, object] = {}
+    for flag, table, _ in SERVED:
+        port = getattr(options, flag.removeprefix("--").replace("-", "_"))
+        if port is not None:
+            flat[f"{table}.enabled"] = True
+        if port is not None and port is not True:
+            flat[f"{table}.port"] = port
+    return flat
 
 
 def _is_one_file(a: Path, b: Path) -> bool:
@@ -101,7 +128,7 @@ def _config(options: argparse.Namespace) -> Config:
         config = load_config(DEFAULT_CONFIG)
     else:
         config = Config()
-    flat: dict[str, object] = {}
+    flat = _served(options)
     if options.method is not None:
         flat["fusion.method"] = options.method
     if options.record is not None:
@@ -197,20 +224,29 @@ def _rows(replay: Replay) -> Iterator[Estimate]:
 
 
 def _watch(replay: Replay, options: argparse.Namespace) -> None:
-    """Replay at a pace, with the console."""
+    """Replay at a pace, with the console and the outputs."""
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda _number, _frame: ended.set())
-    with ConsoleView() as view:
+    outputs = switched_on(apply_flat(replay.config, _served(options), "the command line").outputs)
+    watched = WatchedReplay(replay)
+    with ExitStack() as stack:
+        view = stack.enter_context(ConsoleView())
+        process = stack.enter_context(OutputProcess(outputs, watched.answer)) if outputs else None
 
         def rows() -> Iterator[Estimate]:
             began = time.monotonic()
-            for batch in replay.paced(options.speed, ended.wait):
-                for row in batch:
-                    elapsed_s = time.monotonic() - began
-                    view.show(ViewState(row, elapsed_s=elapsed_s, method=replay.fusion.method))
-                    yield row
-                if options.duration is not None and time.monotonic() - began >= options.duration:
+            next_frame = 0.0
+            for row in watched.rows(options.speed, ended.wait):
+                now = time.monotonic()
+                if now >= next_frame:
+                    next_frame = now + FRAME_PERIOD_S
+                    state = watched.view_state()
+                    view.show(state)
+                    if process is not None:
+                        process.offer(state)
+                yield row
+                if options.duration is not None and now - began >= options.duration:
                     return
 
         if options.output is not None:

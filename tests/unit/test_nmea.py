@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pynmeagps import VALCKSUM, NMEAReader
 
+import acquisition.nmea  # noqa: F401  # registers THS
 from tinyekf_py.alarms import NUMBERS, Alarm
 from tinyekf_py.estimate import MODES, POSITION_MODES, Estimate
 from tinyekf_py.outputs.nmea import FORMATTERS, MAX_SENTENCE, Report, alarm_sentence, report_of, sentences
@@ -27,14 +28,8 @@ NAVIGATION = Navigation(UTC_S, 5.0, 121.5, 12.34, 1, 9, 0.93, 3.21, -0.04, -8.0,
 REPORT = Report(ESTIMATE, NAVIGATION, simulated=False)
 
 
-class THS(pynmea2.TalkerSentence):  # type: ignore[misc]
-    """Registered with pynmea2, which lacks it, by its existence."""
-
-    fields = (("True heading", "heading", Decimal), ("Mode", "mode"))
-
-
 class ALR(pynmea2.TalkerSentence):  # type: ignore[misc]
-    """As `THS`."""
+    """Registered with pynmea2, which lacks it, by its existence; THS is so by `acquisition.nmea`."""
 
     fields = (("Time", "timestamp"), ("Number", "number"), ("Raised", "raised"), ("Known", "known"), ("Text", "text"))
 
@@ -252,7 +247,7 @@ def test_strangers_read_the_same_numbers() -> None:
     gga = pynmea2.parse(lines["GGA"].decode(), check=True)
     assert (gga.latitude, gga.longitude) == (pytest.approx(35.96), pytest.approx(126.52))
     assert gga.gps_qual == 1
-    assert pynmea2.parse(lines["THS"].decode(), check=True).heading == Decimal("123.46")
+    assert pynmea2.parse(lines["THS"].decode(), check=True).heading == "123.46"
     hdg = pynmea2.parse(lines["HDG"].decode(), check=True)
     assert (hdg.heading, hdg.variation, hdg.var_dir) == (Decimal("131.46"), Decimal("8.0"), "W")
     assert NMEAReader.parse(lines["ROT"]).rot == pytest.approx(-90.0)

@@ -15,20 +15,23 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import isfinite
 from types import TracebackType
 from typing import Self, TextIO
 
+from tinyekf_py.alarms import Alarm, Alarms
 from tinyekf_py.view_state import ViewState, current_estimate, heading_text, sensor_words
 
 FRAME_PERIOD_S = 0.5
 LINE_PERIOD_S = 1.0
 
+_Draw = Callable[[ViewState, float, Sequence[Alarm]], None]
+
 _log = logging.getLogger(__name__)
 
 
-def plain_line(state: ViewState, waited_s: float = 0.0) -> str:
+def plain_line(state: ViewState, waited_s: float = 0.0, alarms: Sequence[Alarm] = ()) -> str:
     """One ASCII line that says it all, `waited_s` seconds after `state` was made; "---" for what is not known."""
     estimate = current_estimate(state, waited_s)
     heading = heading_text(estimate)
@@ -48,6 +51,7 @@ def plain_line(state: ViewState, waited_s: float = 0.0) -> str:
         f"{state.elapsed_s + waited_s:.1f} s  heading {heading} deg +- {sigma}  turn {rate} deg/s  "
         f"position {position}  {estimate.mode}/{estimate.pos_mode}  {', '.join(sensors)}"
         f"{'  stopped: ' + ' '.join(stopped) if stopped else ''}"
+        f"{''.join(f'  {alarm.severity.upper()}: {alarm.text}' for alarm in alarms)}"
     ).rstrip()
 
 
@@ -60,6 +64,7 @@ class ConsoleView:
     def __init__(self, stream: TextIO | None = None) -> None:
         self._stream = stream or sys.stdout
         self._latest: tuple[ViewState, float] | None = None
+        self._alarms = Alarms()
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
         self._screen: _Screen | None = None
@@ -106,7 +111,7 @@ class ConsoleView:
     ) -> None:
         self.stop()
 
-    def _run(self, draw: Callable[[ViewState, float], None], period_s: float) -> None:
+    def _run(self, draw: _Draw, period_s: float) -> None:
         try:
             self._draw_until_stopped(draw, period_s)
         except OSError:  # the terminal is gone: nobody is watching any more
@@ -115,18 +120,19 @@ class ConsoleView:
             # The outermost frame of this thread: a fault of the view must not end the program that it shows.
             _log.exception("the console view has ended")
 
-    def _draw_until_stopped(self, draw: Callable[[ViewState, float], None], period_s: float) -> None:
+    def _draw_until_stopped(self, draw: _Draw, period_s: float) -> None:
         while not self._ended.is_set() and not self._stream.closed:
             if self._latest is None:  # the first state is shown soon after it is there
                 self._ended.wait(0.05)
                 continue
             started_s = time.monotonic()
             state, shown_s = self._latest
-            draw(state, started_s - shown_s)
+            waited_s = started_s - shown_s
+            draw(state, waited_s, self._alarms.update(state, waited_s))
             self._ended.wait(started_s + period_s - time.monotonic())
 
-    def _print_line(self, state: ViewState, waited_s: float) -> None:
-        self._stream.write(plain_line(state, waited_s) + "\n")
+    def _print_line(self, state: ViewState, waited_s: float, alarms: Sequence[Alarm]) -> None:
+        self._stream.write(plain_line(state, waited_s, alarms) + "\n")
         self._stream.flush()
 
 
@@ -146,10 +152,11 @@ class _Screen:
     def open(self) -> None:
         self._live.start()
 
-    def draw(self, state: ViewState, waited_s: float) -> None:
+    def draw(self, state: ViewState, waited_s: float, alarms: Sequence[Alarm]) -> None:
         width, height = self._console.size
         ascii_only = not self._console.encoding.startswith("utf")
-        self._live.update(self._draw(state, waited_s, width, height, ascii_only=ascii_only), refresh=True)
+        frame = self._draw(state, waited_s, width, height, alarms, ascii_only=ascii_only)
+        self._live.update(frame, refresh=True)
 
     def close(self) -> None:
         try:

@@ -22,6 +22,7 @@ MAX_SENSOR_AGE_S = 3.0
 FIX_WORDS = {
     0: "none", 1: "GPS", 2: "DGPS", 3: "PPS", 4: "RTK", 5: "float RTK", 6: "estimated", 7: "manual", 8: "simulated",
 }  # fmt: skip
+KNOTS_PER_MPS = 3600.0 / 1852.0
 WEIGHT_WORDS = {0: "bad", 1: "good", 2: "excellent", 3: "ideal"}
 
 
@@ -95,12 +96,22 @@ def current_estimate(state: ViewState, waited_s: float) -> Estimate:
     return state.estimate
 
 
+def current_navigation(state: ViewState, waited_s: float) -> Navigation:
+    """What a navigator may be told `waited_s` seconds after `state` was made: nothing when that is long ago."""
+    return state.navigation if waited_s <= MAX_ESTIMATE_AGE_S else Navigation()
+
+
+def bearing_text(bearing_deg: float) -> str:
+    """Degrees in [0, 360) with one decimal, "---" when not known; never 360.0."""
+    if not isfinite(bearing_deg):
+        return "---"
+    text = f"{bearing_deg % 360.0:05.1f}"
+    return "000.0" if text == "360.0" else text
+
+
 def heading_text(estimate: Estimate) -> str:
     """Heading in degrees with one decimal, "---" when there is none; never 360.0."""
-    if estimate.mode == "invalid" or not isfinite(estimate.heading_deg):
-        return "---"
-    text = f"{estimate.heading_deg:05.1f}"
-    return "000.0" if text == "360.0" else text
+    return bearing_text(estimate.heading_deg) if estimate.mode != "invalid" else "---"
 
 
 def position_text(estimate: Estimate, degree: str = "°") -> str:
@@ -127,6 +138,19 @@ def turn_text(estimate: Estimate, unit: str = "°/s") -> str:
     return f"{tenths} {unit}{side}"
 
 
+def speed_text(speed_mps: float) -> str:
+    """Speed in knots, "---" when not known."""
+    return f"{speed_mps * KNOTS_PER_MPS:.1f} kn" if isfinite(speed_mps) else "---"
+
+
+def sided_text(angle_deg: float, positive: str, negative: str, degree: str = "°") -> str:
+    """An angle with its side in words, "---" when not known."""
+    if not isfinite(angle_deg):
+        return "---"
+    tenths = f"{abs(angle_deg):.1f}"
+    return f"{tenths}{degree}" + ("" if tenths == "0.0" else f" {positive if angle_deg > 0 else negative}")
+
+
 def elapsed_text(elapsed_s: float) -> str:
     """h:mm:ss."""
     minutes, seconds = divmod(int(elapsed_s), 60)
@@ -145,20 +169,25 @@ class SensorWords(NamedTuple):
     hdop: str
     weight: str
     errors: str
+    own: str  #: a GPS's course as COG, the compass' heading as HDG: one is never taken for the other
+    own_sigma: str  #: its standard deviation in degrees, empty when there is none
 
 
 def sensor_words(row: SensorRow, waited_s: float) -> SensorWords:
     """`row` in words, `waited_s` seconds after it was made."""
     age_s = row.age_s + waited_s
-    fresh = age_s <= MAX_SENSOR_AGE_S
-    fix = hdop = weight = ""
+    fresh = row.port_state == "open" and age_s <= MAX_SENSOR_AGE_S
+    fix = hdop = weight = own = own_sigma = ""
+    if row.name != "imu":
+        own = f"{'HDG' if row.name == 'compass' else 'COG'} {bearing_text(row.heading_deg if fresh else NAN)}"
+        own_sigma = f"{row.heading_sigma_deg:.1f}" if fresh and isfinite(row.heading_sigma_deg) else ""
     if row.name.startswith("gps"):
         fix = hdop = weight = "---"
         if fresh:
             fix = FIX_WORDS.get(row.fix_quality, "---")
             hdop = f"{row.hdop:.1f}" if isfinite(row.hdop) else "---"
             if isfinite(row.weight):
-                weight = f"{row.weight:g} {WEIGHT_WORDS.get(round(row.weight), '')}".rstrip()
+                weight = f"{round(row.weight, 1):g} {WEIGHT_WORDS.get(round(row.weight), '')}".rstrip()
     return SensorWords(
         name=row.name,
         port_state=row.port_state,
@@ -167,5 +196,7 @@ def sensor_words(row: SensorRow, waited_s: float) -> SensorWords:
         fix=fix,
         hdop=hdop,
         weight=weight,
-        errors=str(row.errors),
+        errors=str(row.errors) if row.errors < 100_000 else f"{row.errors // 1000}k",
+        own=own,
+        own_sigma=own_sigma,
     )

@@ -9,32 +9,58 @@ import select
 import subprocess
 import sys
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
+from tinyekf_py.alarms import HEADING_INVALID, SOURCES_DISAGREE, Alarm
 from tinyekf_py.console import ConsoleView, plain_line
 from tinyekf_py.estimate import Estimate
-from tinyekf_py.view_state import SensorRow, ViewState, heading_text, position_text, turn_text
+from tinyekf_py.tasks import task_key, task_names
+from tinyekf_py.view_state import (
+    Navigation,
+    SensorRow,
+    TaskRow,
+    ViewState,
+    heading_text,
+    position_text,
+    sensor_words,
+    turn_text,
+)
 
 NAN = float("nan")
 ROOT = Path(__file__).resolve().parents[2]
 ESTIMATE = Estimate(12_300_000, 123.44, 0.52, -1.24, 35.960026, 126.519994, "ok", "gps", (3.0, 2.0, 0.0))
 SENSORS = (
-    SensorRow("gps1", "open", 10.0, 0.08, 2, 1.04, 3.0),
+    SensorRow("gps1", "open", 10.0, 0.08, 2, 1.04, 2.74, heading_deg=119.96, heading_sigma_deg=2.34),
     SensorRow("gps2", "stale", 9.9, 7.5, 1, 2.31, 2.0, 17, "checksum"),
-    SensorRow("gps3", "missing", errors=0),
-    SensorRow("compass", "open", 10.0, 0.03),
+    SensorRow("gps3", "missing", port_text="no such device"),
+    SensorRow("compass", "open", 10.0, 0.03, heading_deg=359.97, heading_sigma_deg=1.0),
     SensorRow("imu", "open", 100.2, 0.004),
 )
-STATE = ViewState(ESTIMATE, 0.05, SENSORS, 3723.0, "cnw3", "/tmp/r.log", True, ("gps3 is missing",))
+TASKS = tuple(TaskRow(task_key(name), name, name != "ekf2") for name in task_names([row.name for row in SENSORS], 3))
+NAVIGATION = Navigation(sog_mps=5.0, cog_deg=131.0, roll_deg=-3.0, pitch_deg=1.5, variation_deg=-8.5)
+STATE = ViewState(
+    ESTIMATE, 0.05, SENSORS, 3723.0, "cnw3", "/tmp/r.log", True, ("gps3 is missing",), navigation=NAVIGATION
+)
+ALARMS = (
+    Alarm(HEADING_INVALID, "alarm", "no heading: gps3 missing", 1.0),
+    Alarm(SOURCES_DISAGREE, "warning", "the headings of gps1 and compass disagree", 1.0),
+)
 
 
 def drawn(
-    state: ViewState, waited_s: float = 0.0, width: int = 80, height: int = 24, *, ascii_only: bool = False
+    state: ViewState,
+    waited_s: float = 0.0,
+    width: int = 80,
+    height: int = 24,
+    alarms: Sequence[Alarm] = (),
+    *,
+    ascii_only: bool = False,
 ) -> str:
     frame = pytest.importorskip("tinyekf_py.console_frame", reason="needs the extra [console]")
-    return str(frame.draw(state, waited_s, width, height, ascii_only=ascii_only).plain)
+    return str(frame.draw(state, waited_s, width, height, alarms, ascii_only=ascii_only).plain)
 
 
 def test_a_plain_line_says_it_all() -> None:
@@ -90,13 +116,75 @@ def test_the_frame_fits_its_terminal(width: int, height: int) -> None:
         assert max(map(len, lines)) <= width
 
 
-def test_every_sensor_has_its_row() -> None:
-    screen = drawn(STATE._replace(notices=()), width=120)
+@pytest.mark.parametrize("width", [80, 120])
+def test_every_sensor_has_its_row(width: int) -> None:
+    screen = drawn(STATE._replace(notices=()), width=width)
     rows = {line.split()[0]: " ".join(line.split()[1:]) for line in screen.splitlines() if line.strip()}
-    assert rows["gps1"] == "open 10.0 Hz 0.1 s DGPS 1.0 3 ideal 0"
-    assert rows["gps2"] == "stale --- 7.5 s --- --- --- 17 checksum"
-    assert rows["gps3"] == "missing --- --- --- --- --- 0"
+    wide = width > 100
+    assert rows["gps1"] == f"open 10.0 Hz 0.1 s COG 120.0 ±2.3 DGPS 1.0 2.7{' ideal' * wide} 0"
+    assert rows["gps2"] == f"stale --- 7.5 s COG --- --- --- --- 17{' checksum' * wide}"
+    assert rows["gps3"] == f"missing --- --- COG --- --- --- --- 0{' no such device' * wide}"
+    assert rows["compass"] == "open 10.0 Hz 0.0 s HDG 000.0 ±1.0 0"
     assert rows["imu"] == "open 100.2 Hz 0.0 s 0"
+
+
+def test_a_stopped_sensor_shows_nothing_of_its_past() -> None:
+    stopped = SENSORS[0]._replace(port_state="stopped")
+    words = sensor_words(stopped, 0.0)
+    assert (words.rate, words.fix, words.weight, words.own, words.own_sigma) == ("---", "---", "---", "COG ---", "")
+
+
+@pytest.mark.parametrize("ascii_only", [False, True])
+def test_all_of_the_boat_fits_80_by_24(ascii_only: bool) -> None:
+    state = STATE._replace(tasks=TASKS, method="adaptive")
+    screen = drawn(state, alarms=ALARMS, ascii_only=ascii_only)
+    assert len(screen.splitlines()) <= 24
+    for row in SENSORS:
+        assert f"\n{row.name} " in screen
+    for text in ("ekf2 STOPPED", "f cnw-s3", "gps3 is missing", "COG / HDG"):
+        assert text in screen
+
+
+def test_course_is_never_shown_as_heading() -> None:
+    screen = drawn(STATE._replace(estimate=ESTIMATE._replace(mode="invalid", heading_deg=NAN)))
+    (course,) = [line for line in screen.splitlines() if "131.0" in line]
+    assert course.split() == ["course", "131.0°", "over", "ground,", "9.7", "kn"]
+    assert "NO HEADING" in screen
+    assert all("COG" in line for line in screen.splitlines() if "120.0" in line)
+
+
+def test_the_reference_of_the_heading_is_named() -> None:
+    screen = drawn(STATE, height=40)
+    assert "true;    magnetic 131.9°, variation 8.5° W" in screen
+    assert "COG course over ground: where she goes" in screen
+    assert "magnetic ---, variation ---" in drawn(STATE._replace(navigation=Navigation()))
+
+
+def test_attitude_has_its_sides_in_words() -> None:
+    assert "roll 3.0° to port, pitch 1.5° bow up" in drawn(STATE)
+
+
+def test_what_a_navigator_is_told_disappears_when_it_is_old() -> None:
+    screen = drawn(STATE, 1.5)
+    assert "131.0" not in screen
+    assert "course    --- over ground, ---" in screen
+    assert "roll ---, pitch ---" in screen
+
+
+def test_alarms_are_words_before_they_are_colours() -> None:
+    _, first, second, *_ = drawn(STATE, alarms=ALARMS).splitlines()
+    assert first == " ALARM: no heading: gps3 missing "
+    assert second == " WARNING: the headings of gps1 and compass disagree "
+    assert drawn(STATE).splitlines()[1] == ""
+    assert plain_line(STATE, 0.0, ALARMS).endswith(
+        "  ALARM: no heading: gps3 missing  WARNING: the headings of gps1 and compass disagree"
+    )
+
+
+def test_a_small_terminal_loses_what_is_empty_before_its_sensors() -> None:
+    screen = drawn(STATE, height=14)
+    assert "imu " in screen
+    assert "\n\n" not in screen
 
 
 def test_simulation_recording_and_notices_are_named() -> None:
@@ -185,6 +273,7 @@ def run_on_terminal(program: str, until: bytes, **environment: str) -> bytes:
 PROGRAM = """
 import sys
 from tests.unit.test_console import STATE
+from tinyekf_py.alarms import HEADING_INVALID, SOURCES_DISAGREE, Alarm
 from tinyekf_py.console import ConsoleView
 view = ConsoleView()
 view.start()

@@ -18,7 +18,7 @@ from typing import Any
 
 from tinyekf_py.alarms import Alarm
 from tinyekf_py.estimate import Estimate
-from tinyekf_py.view_state import MAX_ESTIMATE_AGE_S, Navigation, ViewState, current_estimate
+from tinyekf_py.view_state import Navigation, ViewState, current_estimate, current_navigation
 
 VERSION = "1.7.0"
 #: The context of deltas that a Signal K server is to take for its own vessel's.
@@ -70,7 +70,7 @@ def delta(
     """
     state = state or ViewState(None)
     estimate = current_estimate(state, waited_s)
-    navigation = state.navigation if waited_s <= MAX_ESTIMATE_AGE_S else Navigation()
+    navigation = current_navigation(state, waited_s)
     age_s = state.estimate_age_s + waited_s if estimate is state.estimate else 0.0
     values = {**_values(estimate, navigation, simulated=state.simulated), HEADING_NOTIFICATION: _notification(alarms)}
     update = {

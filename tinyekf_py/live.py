@@ -34,7 +34,7 @@ from tinyekf_py.outputs.launcher import OutputProcess
 from tinyekf_py.outputs.settings import switched_on
 from tinyekf_py.service_notify import ServiceNotifier
 from tinyekf_py.tasks import ALL, Switch, TaskError, Tasks, task_key, task_names
-from tinyekf_py.view_state import TaskRow, ViewState, current_estimate
+from tinyekf_py.view_state import TaskRow, ViewState, current_estimate, position_of
 
 WAIT_S = 0.25  # longest wait for messages: how soon a stop is noticed when no device speaks
 VIEW_PERIOD_S = 0.25
@@ -199,6 +199,7 @@ class LiveRun:
             navigation=self._instruments.navigation(elapsed_us, self._newest.t_us if self._newest else None),
             recording_failure=recording.failure if recording is not None else "",
             recording_lost=recording.lost if recording is not None else 0,
+            position_of=position_of(self._fusion.method, self._config.vessel.antennas_m),
         )
 
     def _status(self, states: dict[str, DeviceState]) -> Mapping[str, object]:

@@ -7,6 +7,7 @@ Named tuples all the way down, so that the whole of it goes to the output proces
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite
 from typing import NamedTuple
 
@@ -87,6 +88,13 @@ class ViewState(NamedTuple):
     navigation: Navigation = Navigation()
     recording_failure: str = ""  #: one line; empty while all is well
     recording_lost: int = 0  #: lines that could not be recorded
+    position_of: str = ""  #: the point aboard whose position the estimate gives
+
+
+def position_of(method: str, antennas_m: Sequence[object]) -> str:
+    """The point aboard whose position `method` gives when the antennas' places, `antennas_m`, are configured."""
+    known = method == "adaptive" and len(antennas_m) > 0
+    return "the boat's reference point" if known else "the GPS antennas, their weighted mean"
 
 
 def current_estimate(state: ViewState, waited_s: float) -> Estimate:

@@ -16,7 +16,7 @@ from tinyekf_py.estimate import Estimate
 from tinyekf_py.instruments import Instruments
 from tinyekf_py.replay import Replay
 from tinyekf_py.tasks import Switch, TaskError, Tasks, task_key, task_names
-from tinyekf_py.view_state import MAX_SENSOR_AGE_S, NAN, SensorRow, TaskRow, ViewState
+from tinyekf_py.view_state import MAX_SENSOR_AGE_S, NAN, SensorRow, TaskRow, ViewState, position_of
 
 _RATE_PERIOD_S = 1.0
 _WORK = ("lines", "samples", "unused")
@@ -56,6 +56,7 @@ class WatchedReplay:
             simulated=True,
             tasks=tuple(TaskRow(task_key(name), name, on) for name, on in self._tasks.running.items()),
             navigation=self._instruments.navigation(t_us, newest.t_us if newest is not None else None),
+            position_of=position_of(self._replay.fusion.method, self._replay.config.vessel.antennas_m),
         )
 
     def answer(self, request: Request) -> None:

@@ -12,8 +12,6 @@ from typing import Any
 from tinyekf_py.outputs.feed import Feed
 from tinyekf_py.view_state import MAX_ESTIMATE_AGE_S, ViewState
 
-#: What the position is the position of: no antenna's place aboard is configured.
-REFERENCE_POINT = "the receivers' antennas, their weighted mean"
 _DECIMALS = {"lat_deg": 9, "lon_deg": 9}
 _DEFAULT_DECIMALS = 4
 
@@ -26,7 +24,6 @@ def state_object(feed: Feed) -> dict[str, Any]:
     plain["estimate_age_s"] = number(state.estimate_age_s + feed.age_s if state.estimate else float("inf"), 3)
     plain["sigma_is_calibrated"] = state.method == "adaptive"
     plain["alarms"] = _plain(feed.alarms)
-    plain["reference_point"] = REFERENCE_POINT
     # A program that no longer speaks: what it said last of its sensors is not how they are.
     plain["is_stale"] = not feed.age_s <= MAX_ESTIMATE_AGE_S
     return plain

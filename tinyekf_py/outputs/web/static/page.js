@@ -117,7 +117,8 @@ function show() {
   put($("cog"), known(navigation.cog_deg) ? `${headingText(navigation.cog_deg)}°` : NONE);
   put($("sog"), knots(navigation.sog_mps));
   put($("position"), positionText(estimate.lat_deg, estimate.lon_deg, estimate.pos_mode));
-  put($("reference"), state.reference_point);
+  put($("reference"), state.position_of);
+  put($("reference-short"), state.position_of.includes("antennas") ? "Antennas at" : "Ref. point at");
   $("simulated").hidden = !state.simulated;
   put($("method"), state.method);
   const utc = known(navigation.utc_s) ? new Date(navigation.utc_s * 1000).toISOString().slice(11, 19) + " UTC" : "";

@@ -28,7 +28,7 @@ class ConsoleKeys:
 
     def __enter__(self) -> Self:
         # A program in the background that touched the terminal would be stopped by it.
-        if self._fd >= 0 and os.tcgetpgrp(self._fd) == os.getpgrp():
+        if self._fd >= 0 and _in_foreground(self._fd):
             self._before = termios.tcgetattr(self._fd)
             tty.setcbreak(self._fd)
             self._wake = os.pipe()
@@ -61,3 +61,10 @@ class ConsoleKeys:
             for key in keys.decode("ascii", "ignore"):
                 if self._pressed is not None:
                     self._pressed(key)
+
+
+def _in_foreground(fd: int) -> bool:
+    try:
+        return os.tcgetpgrp(fd) == os.getpgrp()
+    except OSError:  # not this session's terminal: its keys belong to somebody else
+        return False

@@ -1,0 +1,166 @@
+"""From the last byte of a line at a sensor's pty to the estimate that knows it, and to the row at the output.
+
+    python bench/live/latency.py --seconds 120
+
+A child process sails five simulated devices at full rates on ptys, noting the time before each line is written. The
+live program runs here, with its workers, recording and heading CSV, and notes the time when it has dealt with a line:
+
+- `estimate`: from the line that completes a GPS epoch until fusion has been fed it and gives the estimate of then;
+- `read`: the part of it until the worker's read has returned. On a loaded machine this is the kernel: what comes in
+  at a tty passes through one of its threads, which waits its turn whatever the priority of our processes;
+- `program`: the rest, which is ours: framing, decoding, pipe, recording, fusion;
+- `row`: from the line, of whatever sensor, whose sample completes a row of the 100 ms grid until that row is on its
+  way to the CSV and the outputs. (An epoch shows in the row of the next grid point, by design up to 100 ms later.)
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from acquisition.message import LINE, Message
+from acquisition.simulator.grades import GRADES
+from acquisition.simulator.ptys import LINK_NAMES, Pty
+from acquisition.simulator.scenarios import SCENARIOS
+from acquisition.simulator.vessel import STEP_US
+from acquisition.simulator.voyage import Voyage
+from acquisition.supervisor import Supervisor
+from tinyekf_py import live
+from tinyekf_py.config import Config, apply_flat
+from tinyekf_py.estimate import Estimate
+from tinyekf_py.live import LiveRun
+
+WARM_UP = 50  # of each kind, not counted
+ALIGNED = 30  # lines that must agree to know which line sent is the first received
+
+
+def sail(log: Path) -> None:
+    """The child: print the ports, sail until SIGTERM, then write the lines with their times."""
+    ended: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, _frame: ended.append(number))
+    ptys = {name: Pty() for name in LINK_NAMES}
+    print(json.dumps({name: port.path for name, port in ptys.items()}), flush=True)
+    voyage = Voyage(SCENARIOS["tour"], GRADES["typical"])
+    sent: list[tuple[str, int, str]] = []
+    due = time.monotonic()
+    while not ended:
+        due += STEP_US / 1e6
+        time.sleep(max(0.0, due - time.monotonic()))
+        for _, name, line in voyage.advance():
+            began_ns = time.monotonic_ns()
+            ptys[name].send([line])
+            sent.append((name, began_ns, line.decode("latin-1")))
+    log.write_text(json.dumps(sent))
+
+
+class Dealt(NamedTuple):
+    """A line that the program has dealt with."""
+
+    line: str
+    read_us: int  #: its stamp
+    done_ns: int = 0  #: monotonic
+    made_sample: bool = False
+    made_row: bool = False
+
+
+class TimedRun(LiveRun):
+    """A live run that notes, per line, when it was dealt with."""
+
+    def __init__(self, config: Config, start_us: int) -> None:
+        super().__init__(config, start_us=start_us)
+        self.dealt: dict[str, list[Dealt]] = {name: [] for name in LINK_NAMES}
+        self._made_row = False
+
+    def _take(self, name: str, records: bytes) -> None:
+        self._made_row = False
+        super()._take(name, records)
+        assert self._fusion.estimate is not None
+        done_ns = time.monotonic_ns()
+        self.dealt[name][-1] = self.dealt[name][-1]._replace(done_ns=done_ns, made_sample=True, made_row=self._made_row)
+
+    def _put_out(self, rows: list[Estimate]) -> None:
+        super()._put_out(rows)
+        self._made_row = bool(rows)
+
+
+def noting(run: TimedRun) -> type[Supervisor]:
+    """A supervisor that notes each line as it is taken from it."""
+
+    class Noting(Supervisor):
+        def poll(self, timeout: float) -> Iterator[tuple[str, Message]]:  # type: ignore[override]
+            for name, message in super().poll(timeout):
+                if message.kind == LINE:
+                    run.dealt[name].append(Dealt(message.line.decode("latin-1"), message.t_us))
+                yield name, message
+
+    return Noting
+
+
+def measure(seconds: float, folder: Path) -> dict[str, list[float]]:
+    """Latencies in milliseconds, by what the module says."""
+    start_us = time.monotonic_ns() // 1000
+    command = [sys.executable, __file__, "--sail", str(folder / "sent.json")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        ports = json.loads(child.stdout.readline())
+        flat: dict[str, object] = {f"sensors.{name}.port": port for name, port in ports.items()}
+        flat |= {"outputs.recording": str(folder / "r.rec"), "outputs.csv": str(folder / "r.csv")}
+        run = TimedRun(apply_flat(Config(), flat, "the benchmark"), start_us)
+        os.environ["XDG_RUNTIME_DIR"] = str(folder)
+        vars(live)["Supervisor"] = noting(run)
+        run.run(seconds)
+        child.terminate()
+    sent: dict[str, list[tuple[int, str]]] = {name: [] for name in LINK_NAMES}
+    for name, began_ns, line in json.loads((folder / "sent.json").read_text()):
+        sent[name].append((began_ns, line))
+    latencies: dict[str, list[float]] = {"estimate": [], "read": [], "program": [], "row": []}
+    for name, all_dealt in run.dealt.items():
+        beginning = [dealt.line for dealt in all_dealt[:ALIGNED]]
+        lines = [line for _, line in sent[name]]
+        first = next(n for n in range(len(lines)) if lines[n : n + ALIGNED] == beginning)
+        for (began_ns, line), dealt in zip(sent[name][first:], all_dealt, strict=False):
+            if line != dealt.line:
+                raise SystemExit(f"{name}: a line was lost; measure again on a quieter machine")
+            whole_ms = (dealt.done_ns - began_ns) / 1e6
+            if name.startswith("gps") and dealt.made_sample:
+                read_ms = (start_us + dealt.read_us) / 1e3 - began_ns / 1e6
+                latencies["estimate"].append(whole_ms)
+                latencies["read"].append(read_ms)
+                latencies["program"].append(whole_ms - read_ms)
+            if dealt.made_row:
+                latencies["row"].append(whole_ms)
+    return latencies
+
+
+def main() -> int:
+    """The command."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=120.0)
+    parser.add_argument("--sail", type=Path, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.sail:
+        sail(options.sail)
+        return 0
+    with tempfile.TemporaryDirectory() as folder:
+        latencies = measure(options.seconds, Path(folder))
+    for what, ms in latencies.items():
+        settled = ms[WARM_UP:]
+        p50, p99, p999 = np.percentile(settled, [50, 99, 99.9])
+        figures = f"p50 {p50:.2f}, p99 {p99:.2f}, p99.9 {p999:.2f}, max {max(settled):.2f} ms"
+        print(f"{what:9} {len(settled):6} times: {figures}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

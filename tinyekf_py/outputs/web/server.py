@@ -25,6 +25,7 @@ from tinyekf_py.outputs.web.wire import state_object, to_json
 
 LONGEST_SILENCE_S = 0.5  # a page is told at least so often that nothing is new
 _END_PATIENCE_S = 2.0
+_JITTER_S = 0.04  # a frame that comes so much early, of those at 10 Hz, is not early
 _MAX_LINE = 4096  # bytes, of the request line and of each header
 
 _log = logging.getLogger(__name__)
@@ -86,8 +87,7 @@ async def _send_frames(site: Site) -> None:
     async for _ in site.feed.frames(LONGEST_SILENCE_S):
         site.history.add(site.feed)
         now = time.monotonic()
-        # Frames come at 10 Hz with some jitter: half a period early is not early.
-        if now < due_s - 0.5 * period_s:
+        if now < due_s - _JITTER_S:
             continue
         due_s = max(due_s + period_s, now)
         if len(site.page):

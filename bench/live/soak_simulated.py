@@ -28,6 +28,7 @@ from soak_real import open_files, rss_kb
 from acquisition import supervisor, worker
 from acquisition.device import DeviceSettings, DeviceState
 from acquisition.message import LINE, OPEN, Message
+from acquisition.port_watch import NEVER_US
 from acquisition.recording import Line, RecordingReader, read_recording
 from acquisition.supervisor import Supervisor
 from acquisition.worker import Worker, WorkerSettings
@@ -47,7 +48,7 @@ class Cassette:
     """In place of the port watch: a voyage's reads, over and over, and the clock that they tell."""
 
     state = OPEN
-    due_us = worker.NEVER_US
+    due_us = NEVER_US
     opens = 1
 
     def __init__(self, bursts: list[Burst], cycles: int) -> None:
@@ -193,9 +194,9 @@ class Merging(Supervisor):
         while len(messages) < BATCH:
             while behind := [name for name, queue in soak.waiting.items() if not queue]:
                 # Read from nobody who is ahead: his pipe fills, and he waits.
-                processes = {self._watched[name].process: name for name in behind}
-                for process in select.select(list(processes), [], [], 1.0)[0]:
-                    name = processes[process]
+                pipes = {process: name for name in behind if (process := self._watched[name].process) is not None}
+                for pipe in select.select(list(pipes), [], [], 1.0)[0]:
+                    name = pipes[pipe]
                     soak.waiting[name].extend(message for _, message in self._receive(self._watched[name]))
             name = min(soak.waiting, key=lambda name: soak.waiting[name][0].t_us)
             message = soak.waiting[name].popleft()
@@ -221,7 +222,7 @@ def main() -> int:
         os.environ |= {"SOAK_RECORDING": str(cycle), "SOAK_CYCLES": str(int(options.hours * 3600 / CYCLE_S) + 1)}
         os.environ["XDG_RUNTIME_DIR"] = folder
         reader = read_recording(cycle)
-        flat = {"outputs.recording": f"{folder}/r.rec", "outputs.csv": f"{folder}/r.csv"}
+        flat: dict[str, object] = {"outputs.recording": f"{folder}/r.rec", "outputs.csv": f"{folder}/r.csv"}
         flat |= {"recording.max_mb": 20.0, "recording.keep": 3}
         config = apply_flat(apply_flat(Config(), reader.config, "the cycle"), flat, "the soak")
         soak = Soak(config, options.hours)

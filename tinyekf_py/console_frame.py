@@ -74,10 +74,6 @@ _MIN_LINES_FOR_LARGE = 22
 _NOTICE_LINES = 5
 
 _ALARM_STYLES = {"alarm": "bold white on red", "warning": "bold black on yellow"}
-_LEGEND = (
-    "HDG heading, true: where she points. COG course over ground: where she goes. {pm} one standard deviation.",
-    "Weight 0 bad, 1 good, 2 excellent, 3 ideal. The position is that of the antennas, their weighted mean.",
-)
 
 
 class _Columns(NamedTuple):
@@ -128,14 +124,26 @@ def draw(
     lines += below
     if len(lines) > height:  # what is empty goes first
         lines = [line for line in lines if line]
-    if height - len(lines) > len(_LEGEND) + _NOTICE_LINES + 1:
-        lines += [Text(), *(Text(text.format(pm=symbols.plus_minus), style="dim") for text in _LEGEND)]
+    legend = _legend(state, symbols)
+    if height - len(lines) >= len(legend) + _NOTICE_LINES + 1:
+        lines += legend
     room = height - len(lines) - 1
     if state.notices and room > 0:
         lines += [Text(), *(Text(notice) for notice in state.notices[-room:])]
     if ascii_only:
         lines = [_in_ascii(line) for line in lines]
     return Text("\n", no_wrap=True, overflow="crop", end="").join(_cut(line, width) for line in lines[:height])
+
+
+def _legend(state: ViewState, symbols: _Symbols) -> list[Text]:
+    """What the words stand for, and what the heading and the position refer to."""
+    texts = [
+        "HDG heading, true: where she points. COG course over ground: where she goes. "
+        f"{symbols.plus_minus} one standard deviation.",
+        "Weight 0 bad, 1 good, 2 excellent, 3 ideal."
+        + (f" Position: {state.position_of}." if state.position_of else ""),
+    ]
+    return [Text(), *(Text(text, style="dim") for text in texts)]
 
 
 def _alarm_line(alarm: Alarm) -> Text:

@@ -90,12 +90,15 @@ def test_the_servers_heading_is_the_programs(
         live.kill()
     start_utc = read_recording(live.recording).start_utc
     rows = read_heading_csv(live.csv)
-    worst = 0.0
+    worst, behind = 0.0, []
     for moment, heading_rad in answers:
-        near = np.abs(rows["t_s"] - (moment - start_utc).total_seconds()) <= NEAR_S
-        apart = np.radians(rows["heading_deg"][near]) - heading_rad
-        worst = max(worst, float(np.min(np.abs(np.arctan2(np.sin(apart), np.cos(apart))))))
-    print(f"{name}: {len(answers)} headings, worst {worst:.6f} rad apart")
+        at_s = (moment - start_utc).total_seconds()
+        near = rows[np.abs(rows["t_s"] - at_s) <= NEAR_S]
+        apart = np.radians(near["heading_deg"]) - heading_rad
+        apart = np.abs(np.arctan2(np.sin(apart), np.cos(apart)))
+        worst = max(worst, float(np.min(apart)))
+        behind.append(at_s - near["t_s"][np.argmin(apart)])
+    print(f"{name}: {len(answers)} headings, worst {worst:.6f} rad, {min(behind):.3f} to {max(behind):.3f} s behind")
     assert worst <= TOLERANCE_RAD
     assert position["latitude"] == pytest.approx(np.nanmean(rows["lat_deg"]), abs=0.01)
     assert position["longitude"] == pytest.approx(np.nanmean(rows["lon_deg"]), abs=0.01)

@@ -154,9 +154,10 @@ def test_course_is_never_shown_as_heading() -> None:
 
 
 def test_the_reference_of_the_heading_is_named() -> None:
-    screen = drawn(STATE, height=40)
+    screen = drawn(STATE._replace(position_of="the boat's reference point"), height=40)
     assert "true;    magnetic 131.9°, variation 8.5° W" in screen
     assert "COG course over ground: where she goes" in screen
+    assert "Position: the boat's reference point." in screen
     assert "magnetic ---, variation ---" in drawn(STATE._replace(navigation=Navigation()))
 
 

@@ -138,11 +138,11 @@ def draw(
 def _legend(state: ViewState, symbols: _Symbols) -> list[Text]:
     """What the words stand for, and what the heading and the position refer to."""
     texts = [
-        "HDG heading, true: where she points. COG course over ground: where she goes. "
-        f"{symbols.plus_minus} one standard deviation.",
-        "Weight 0 bad, 1 good, 2 excellent, 3 ideal."
-        + (f" Position: {state.position_of}." if state.position_of else ""),
+        "HDG heading, true: where she points; COG course over ground: where she goes",
+        f"{symbols.plus_minus} one standard deviation; weight 0 bad, 1 good, 2 excellent, 3 ideal",
     ]
+    if state.position_of:
+        texts.append(f"position: {state.position_of}")
     return [Text(), *(Text(text, style="dim") for text in texts)]
 
 

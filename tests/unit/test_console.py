@@ -157,7 +157,7 @@ def test_the_reference_of_the_heading_is_named() -> None:
     screen = drawn(STATE._replace(position_of="the boat's reference point"), height=40)
     assert "true;    magnetic 131.9°, variation 8.5° W" in screen
     assert "COG course over ground: where she goes" in screen
-    assert "Position: the boat's reference point." in screen
+    assert "position: the boat's reference point" in screen
     assert "magnetic ---, variation ---" in drawn(STATE._replace(navigation=Navigation()))
 
 

@@ -74,9 +74,11 @@ class WebProcess:
     def __init__(self, **settings: Any) -> None:
         self.port = free_port()
         self.host = settings.get("host", "127.0.0.1")
+        self.address = "127.0.0.1" if self.host == "0.0.0.0" else self.host  #: where its client finds it
         defaults = {"rate_hz": 10.0, "names": [], "read_token": False, "token_file": "", "allow_simulated": False}
         self.running = dict.fromkeys(TASKS, True)
         self.heading_deg = 123.4
+        self.simulated = False
         self.silent = threading.Event()
         self._ended = threading.Event()
         self.process = OutputProcess(
@@ -87,16 +89,12 @@ class WebProcess:
         self._thread.start()
         self.until_heard()
 
-    @property
-    def address(self) -> str:
-        """Where a client of this machine finds it."""
-        return "127.0.0.1" if self.host == "0.0.0.0" else self.host
-
     def _sail(self) -> None:
         began = time.monotonic()
         while not self._ended.wait(0.1):
             if not self.silent.is_set():
-                self.process.offer(boat(time.monotonic() - began, self.running, self.heading_deg))
+                state = boat(time.monotonic() - began, self.running, self.heading_deg)
+                self.process.offer(state._replace(simulated=self.simulated))
 
     def _answer(self, request: Request) -> None:
         verb, name = request.words

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from web_process import TASKS, WebProcess, client_frame, read_frame
+from web_process import DEADLINE_S, TASKS, WebProcess, client_frame, read_frame
 
 from tinyekf_py.outputs.web import guard, streams
 from tinyekf_py.outputs.web.access import TokenFileError, token_in
@@ -387,6 +387,29 @@ def test_a_watcher_that_stops_reading_costs_the_others_nothing(web: WebProcess) 
     assert max(later - earlier for earlier, later in pairwise(times[1:])) < 1.0  # of the boat's time
     for connection in slow:
         connection.close()
+
+
+def test_simulated_deltas_do_not_leave_this_machine(start: Start, token_file: Path) -> None:
+    """Signal K has no mark for a simulated heading."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.connect(("192.0.2.1", 9))  # sends nothing; says which of our addresses would
+        elsewhere = probe.getsockname()[0]
+    for allowed, address, comes in ((False, "127.0.0.1", True), (False, elsewhere, False), (True, elsewhere, True)):
+        web = start(host="0.0.0.0", token_file=str(token_file), allow_simulated=allowed)
+        web.simulated, web.address = True, address
+        connection, status = web.upgrade("/signalk/v1/stream", Authorization=f"Bearer {token_of(token_file)}")
+        assert status == 101
+        page, _ = web.upgrade()  # the page has a mark, and tells how much time has gone
+        with connection, page:
+            for _ in range(8):
+                read_frame(page)
+            assert "self" in json.loads(read_frame(connection)[1])
+            connection.settimeout(DEADLINE_S if comes else 0.01)
+            if comes:
+                assert "updates" in json.loads(read_frame(connection)[1])
+            else:
+                with pytest.raises(TimeoutError):
+                    read_frame(connection)
 
 
 def test_what_a_task_is_called_cannot_be_anything(web: WebProcess) -> None:

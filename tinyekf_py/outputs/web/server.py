@@ -7,7 +7,6 @@ import contextlib
 import ipaddress
 import logging
 import os
-import time
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
@@ -19,13 +18,12 @@ from tinyekf_py.outputs.feed import Feed
 from tinyekf_py.outputs.process import OutputError
 from tinyekf_py.outputs.web.access import Access, TokenFileError, token_in, token_path
 from tinyekf_py.outputs.web.guard import Guard
+from tinyekf_py.outputs.web.history import PERIOD_S
 from tinyekf_py.outputs.web.routes import Site, make_application
 from tinyekf_py.outputs.web.streams import text_frame
 from tinyekf_py.outputs.web.wire import state_object, to_json
 
-LONGEST_SILENCE_S = 0.5  # a page is told at least so often that nothing is new
 _END_PATIENCE_S = 2.0
-_JITTER_S = 0.04  # a frame that comes so much early, of those at 10 Hz, is not early
 _MAX_LINE = 4096  # bytes, of the request line and of each header
 
 _log = logging.getLogger(__name__)
@@ -51,7 +49,8 @@ async def serve(feed: Feed, settings: Mapping[str, Any]) -> None:
     )
     try:
         async with server:
-            await _send_frames(site)
+            sending = _send_frames(site, settings["rate_hz"], allow_simulated=settings["allow_simulated"])
+            await asyncio.gather(_remember(site), sending)
     finally:
         site.connections.abort()
         with contextlib.suppress(TimeoutError):
@@ -80,19 +79,20 @@ def _is_loopback(host: str) -> bool:
         return host.lower() == "localhost"
 
 
-async def _send_frames(site: Site) -> None:
-    """Give each new view state to the history and, encoded once, to all pages."""
-    period_s = 1.0 / site.rate_hz
-    due_s = 0.0
-    async for _ in site.feed.frames(LONGEST_SILENCE_S):
+async def _remember(site: Site) -> None:
+    """Give the history its points."""
+    async for _ in site.feed.paced(1.0 / PERIOD_S):
         site.history.add(site.feed)
-        now = time.monotonic()
-        if now < due_s - _JITTER_S:
-            continue
-        due_s = max(due_s + period_s, now)
+
+
+async def _send_frames(site: Site, rate_hz: float, *, allow_simulated: bool) -> None:
+    """Give each new view state, encoded once, to all who watch."""
+    feed = site.feed
+    async for _ in feed.paced(rate_hz):
         if len(site.page):
-            site.page.send(text_frame(f'{{"state":{to_json(state_object(site.feed))}}}'))
+            site.page.send(text_frame(f'{{"state":{to_json(state_object(feed))}}}'))
         if len(site.signalk):
-            feed, now_utc, vessel = site.feed, datetime.now(UTC), signalk_delta.vessel_context()
+            now_utc, vessel = datetime.now(UTC), signalk_delta.vessel_context()
             delta = signalk_delta.delta(feed.state, feed.age_s, now_utc, feed.alarms, context=vessel)
-            site.signalk.send(text_frame(to_json(delta)))
+            is_simulated = feed.state is not None and feed.state.simulated  # which the format cannot mark
+            site.signalk.send(text_frame(to_json(delta)), local_only=is_simulated and not allow_simulated)

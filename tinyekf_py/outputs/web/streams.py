@@ -14,6 +14,7 @@ from typing import cast
 
 from aiohttp import WSMsgType, web
 
+from tinyekf_py.outputs.broadcast import is_loopback
 from tinyekf_py.outputs.web.guard import Guard
 
 PING_PERIOD_S = 10.0
@@ -38,6 +39,7 @@ class _Client:
     def __init__(self, transport: asyncio.Transport) -> None:
         self.transport = transport
         self.took_at_s = time.monotonic()
+        self.is_local = is_loopback(transport.get_extra_info("peername")[0])
 
 
 class Stream:
@@ -51,11 +53,11 @@ class Stream:
     def __len__(self) -> int:
         return len(self._clients)
 
-    def send(self, frame: bytes) -> None:
-        """Offer `frame` to all."""
+    def send(self, frame: bytes, *, local_only: bool = False) -> None:
+        """Offer `frame` to all; `local_only`: to those on this machine."""
         now = time.monotonic()
         for client in tuple(self._clients):
-            if client.transport.is_closing():
+            if client.transport.is_closing() or (local_only and not client.is_local):
                 continue
             if client.transport.get_write_buffer_size():
                 self.lost += 1

@@ -115,16 +115,30 @@ def _rules(options: argparse.Namespace, config: Config, devices: Sequence[Serial
         raise DevicesError("no sensor was found; tinyekf devices list shows what is plugged in")
     text = rules_text(roles, links, devices)
     if options.install:
-        RULES_FILE.write_text(text, "utf-8")
-        for arguments in (["control", "--reload"], ["trigger", "--subsystem-match=tty", "--action=add"]):
-            if subprocess.run(["udevadm", *arguments], check=False).returncode:
-                raise DevicesError(f"{RULES_FILE} is written, but udevadm {arguments[0]} failed; replug the devices")
+        _install(text)
         print(f"{RULES_FILE} is written; tinyekf devices check tells whether the names are there", file=sys.stderr)
     elif options.output:
         options.output.write_text(text, "utf-8")
     else:
         print(text, end="")
     return 0
+
+
+def _install(rules: str) -> None:
+    """Write the rules where udev reads them, and let it read them and go through the devices that are there."""
+    try:
+        RULES_FILE.write_text(rules, "utf-8")
+    except OSError as error:
+        raise DevicesError(f"cannot write {RULES_FILE}: {error.strerror}") from error
+    for arguments in (["control", "--reload"], ["trigger", "--subsystem-match=tty", "--action=add"]):
+        command = f"udevadm {arguments[0]}"
+        try:
+            done = subprocess.run(["udevadm", *arguments], check=False, capture_output=True, text=True)
+        except OSError as error:
+            raise DevicesError(f"{RULES_FILE} is written, but not read: {command}: {error.strerror}") from error
+        if done.returncode:
+            said = (done.stderr.strip() or f"exit status {done.returncode}").splitlines()[-1]
+            raise DevicesError(f"{RULES_FILE} is written, but not read: {command}: {said}; is udev running?")
 
 
 def _named_roles(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -47,6 +48,13 @@ def need(*programs: str) -> None:
         pytest.skip(f"{missing[0]} is not installed")
 
 
+def need_namespaces(*options: str) -> None:
+    if subprocess.run(["unshare", *options, "true"], capture_output=True).returncode:
+        if os.environ.get("CI"):
+            pytest.fail("no namespaces: run the tests as root")
+        pytest.skip("no namespaces: udev is tested as root")
+
+
 def tinyekf_devices(tmp_path: Path, tree: dict[str, Usb], *words: str) -> subprocess.CompletedProcess[str]:
     """The command on a machine with these devices."""
     need("umockdev-run")
@@ -64,10 +72,7 @@ def written_rules(tmp_path: Path, tree: dict[str, Usb], *words: str) -> str:
 def links_given(tmp_path: Path, rules: str, tree: dict[str, Usb]) -> dict[str, set[str]]:
     """The links that udev itself gives each device of `tree` under `rules`, by the device's name in it."""
     need("umockdev-run", "udevadm", "unshare")
-    if subprocess.run(["unshare", "-m", "true"], capture_output=True).returncode:
-        if os.environ.get("CI"):
-            pytest.fail("no mount namespace: run the tests as root")
-        pytest.skip("no mount namespace: udev's rules are tested as root")
+    need_namespaces("-m")
     folder = tmp_path / "rules"
     folder.mkdir(exist_ok=True)
     (folder / "70-tinyekf.rules").write_text(rules)
@@ -81,7 +86,8 @@ def links_given(tmp_path: Path, rules: str, tree: dict[str, Usb]) -> dict[str, s
         path, *lines = report.splitlines()
         name = next(name for name, usb in tree.items() if usb.sys_path == path)
         given_links = next((line.removeprefix("DEVLINKS=") for line in lines if line.startswith("DEVLINKS=")), "")
-        links[name] = {link for link in given_links.split() if not link.startswith("/dev/serial/")}
+        # udev's own, and those of gpsd's rules where it is installed, are not ours.
+        links[name] = {link for link in given_links.split() if not re.match(r"/dev/(serial/|gps\d)", link)}
         if links[name]:
             assert "ID_MM_DEVICE_IGNORE=1" in lines
     return links
@@ -120,6 +126,40 @@ def test_names_stay_under_other_kernel_names_and_go_with_the_port(tmp_path: Path
         "compass": {"/dev/fjEC"},
         "imu": {"/dev/fjIMU"},
     }
+
+
+#: Installs rules where a udev daemon runs ($2 is "yes") or none does; all in namespaces of its own.
+INSTALL = """
+set -e
+mount -t tmpfs none /run
+mkdir -p /run/udev /run/rules /etc/udev/rules.d
+mount --bind /run/rules /etc/udev/rules.d
+if [ "$2" = yes ]; then /lib/systemd/systemd-udevd --daemon; udevadm control --ping; fi
+umockdev-run -d "$1" -- "$3" -m tinyekf_py.devices rules --install && status=0 || status=$?
+cat /etc/udev/rules.d/70-tinyekf.rules
+if [ "$2" = yes ]; then udevadm control --ping; udevadm control --exit; fi
+exit $status
+"""
+
+
+@pytest.mark.parametrize("daemon", ["yes", "no"])
+def test_rules_are_installed_and_udev_reads_them(tmp_path: Path, daemon: str) -> None:
+    need("umockdev-run", "udevadm", "unshare", "/lib/systemd/systemd-udevd")
+    need_namespaces("-m", "-p", "--fork")
+    (tmp_path / "tree").write_text(describe(PAPERS))
+    command = ["unshare", "-m", "-p", "--fork", "--mount-proc", "sh", "-c", INSTALL, "sh", str(tmp_path / "tree")]
+    done = subprocess.run(
+        [*command, daemon, sys.executable], capture_output=True, text=True, cwd=ROOT, timeout=DEADLINE_S
+    )
+    assert 'SYMLINK+="fjGPS3"' in done.stdout
+    said = [line for line in done.stderr.splitlines() if "systemd-udevd" not in line]
+    assert len(said) == 1, done.stderr
+    if daemon == "yes":
+        assert done.returncode == 0, done.stderr
+        assert "is written; tinyekf devices check" in said[0]
+    else:
+        assert done.returncode == 1
+        assert "is written, but not read: udevadm control" in said[0]
 
 
 def test_of_two_equal_serial_numbers_the_port_decides(tmp_path: Path) -> None:
@@ -232,39 +272,26 @@ def test_noise_and_silence_are_no_device() -> None:
 
 #: Under umockdev: a device is plugged in, pulled out, plugged in under another name.
 MONITOR = """
-import ctypes, select, sys
-from pathlib import Path
+import select, sys
 sys.path.insert(0, "tests")
-from usb_tree import PAPERS, describe
-from acquisition.plug_monitor import PlugMonitor
+from umockdev_testbed import Testbed
+from usb_tree import PAPERS
 from acquisition.devices import list_serial_devices
-class GError(ctypes.Structure):
-    _fields_ = [("domain", ctypes.c_uint32), ("code", ctypes.c_int), ("message", ctypes.c_char_p)]
-bed = ctypes.CDLL("libumockdev.so.0")
-for name in ("new", "add_from_string", "uevent", "remove_device"):
-    getattr(bed, "umockdev_testbed_" + name).restype = ctypes.c_void_p
-pointer = ctypes.c_void_p(bed.umockdev_testbed_new())
-tree = {"gps1": PAPERS["gps1"]}
-def add(text):
-    error = ctypes.POINTER(GError)()
-    done = bed.umockdev_testbed_add_from_string(pointer, text.encode(), ctypes.byref(error))
-    assert done, error.contents.message
-def event(usb, action):
-    bed.umockdev_testbed_uevent(pointer, b"/sys" + usb.sys_path.encode(), action.encode())
+from acquisition.plug_monitor import PlugMonitor
+bed, tree = Testbed(), {"gps1": PAPERS["gps1"]}
 monitor = PlugMonitor()
 assert monitor.take() == []
-add(describe(tree))
+bed.add(tree)
 assert select.select([monitor], [], [], 10)[0], "no event"
 taken = monitor.take()
 assert taken == ["/dev/ttyACM0"], taken
 assert [device.node for device in list_serial_devices()] == ["/dev/ttyACM0"]
-event(tree["gps1"], "remove")
+bed.event(tree["gps1"], "remove")
 assert select.select([monitor], [], [], 10)[0], "no event"
 assert monitor.take() == []
-bed.umockdev_testbed_remove_device(pointer, b"/sys" + tree["gps1"].sys_path.encode())
+bed.remove(tree["gps1"])
 assert list_serial_devices() == []
-again = {"gps1": tree["gps1"]._replace(node="ttyACM5")}
-add(describe(again).split("\\n\\n")[-1])
+bed.add({"gps1": tree["gps1"]._replace(node="ttyACM5")}, hubs=False)
 assert select.select([monitor], [], [], 10)[0], "no event"
 assert monitor.take() == ["/dev/ttyACM5"]
 found = list_serial_devices()
@@ -272,9 +299,57 @@ assert [(device.node, device.port_path) for device in found] == [("/dev/ttyACM5"
 print("well")
 """
 
+#: Under umockdev: a worker that would look for its device once an hour opens it as soon as udev tells of it.
+WOKEN = """
+import os, sys, time, tty
+from pathlib import Path
+sys.path.insert(0, "tests")
+from umockdev_testbed import Testbed
+from usb_tree import PAPERS
+from acquisition import port_watch
+if len(sys.argv) > 3:  # the worker
+    from acquisition.worker import main
+    port_watch.RETRY_US = 3_600_000_000
+    sys.exit(main(sys.argv[2:]))
+import subprocess
+from acquisition import worker_process
+from acquisition.device import DeviceSettings
+from acquisition.plug_monitor import PlugMonitor
+from acquisition.supervisor import Supervisor
+link = Path(sys.argv[1])
+bed, monitor = Testbed(), PlugMonitor()
+popen = subprocess.Popen
+def patient(command, **more):
+    return popen([sys.executable, "-c", os.environ["WOKEN"], "worker", *command[4:]], **more)
+worker_process.subprocess.Popen = patient
+supervisor = Supervisor([DeviceSettings("gps1", str(link), "nmea", 9600)], time.monotonic_ns() // 1000, monitor)
+def until(state):
+    end = time.monotonic() + 20
+    while supervisor.states["gps1"].port_state != state:
+        assert time.monotonic() < end, supervisor.states
+        supervisor.poll(0.1)
+until("absent")
+master, slave = os.openpty()
+tty.setraw(slave)
+link.symlink_to(os.ttyname(slave))
+plugged = time.monotonic()
+bed.add({"gps1": PAPERS["gps1"]})
+until("open")
+print(f"open {1000 * (time.monotonic() - plugged):.0f} ms after the event", file=sys.stderr)
+fd = monitor.fileno()
+supervisor.close()
+try:
+    os.fstat(fd)
+    sys.exit("the monitor is still open")
+except OSError:
+    print("well")
+"""
 
-def test_the_monitor_tells_what_is_plugged_in_and_nothing_else() -> None:
+
+@pytest.mark.parametrize("script", [MONITOR, WOKEN], ids=["monitor", "worker"])
+def test_what_udev_tells_is_heard_at_once(script: str, tmp_path: Path) -> None:
     need("umockdev-wrapper")
-    command = ["umockdev-wrapper", sys.executable, "-c", MONITOR]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=60)
+    command = ["umockdev-wrapper", sys.executable, "-c", script, str(tmp_path / "fjGPS1")]
+    environment = {**os.environ, "WOKEN": WOKEN}
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=environment, timeout=60)
     assert done.stdout == "well\n", done.stderr[-2000:]

@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import random
 import select
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -140,6 +142,26 @@ class SimulatedBoat:
 def is_whole(status: dict[str, Any]) -> bool:
     """Whether every sensor speaks and the heading is ok."""
     return status["mode"] == "ok" and all(sensor["port_state"] == "open" for sensor in status["sensors"].values())
+
+
+def output_pid(program_pid: int) -> int:
+    """The output process of a live program; 0 when there is none now."""
+    for entry in Path("/proc").iterdir():
+        with contextlib.suppress(OSError):
+            command = (entry / "cmdline").read_bytes() if entry.name.isdigit() else b""
+            if b"tinyekf_py.outputs.process" in command:
+                parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+                if parent == program_pid:
+                    return int(entry.name)
+    return 0
+
+
+def free_port() -> int:
+    """A port that nothing listens at, below those that the kernel gives to connections."""
+    while True:
+        number = random.randrange(20_000, 32_000)
+        with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", number)):
+            return number
 
 
 class Program:

@@ -5,14 +5,16 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from live_boat import DEADLINE_S, SENSORS, Program
+from live_boat import DEADLINE_S, SENSORS, Program, free_port, output_pid
 
 from acquisition.port import open_port
 from acquisition.recording import read_recording
@@ -201,3 +203,35 @@ def test_signals_end_it_while_a_worker_hangs(own_life: Any, row_of: Any) -> None
     assert life.live.process.wait(DEADLINE_S) == 0
     assert not alive(sensor["pid"])
     row_of(life, "SIGTERM while a worker hangs", "ends, the worker is killed", time.monotonic() - began, None)
+
+
+def heading_heard(port: int) -> bool:
+    """Whether whoever connects to the NMEA port is told a heading."""
+    try:
+        with socket.create_connection(("127.0.0.1", port), DEADLINE_S) as client:
+            return any(line.startswith(b"$GPHDT") for line in client.makefile("rb"))
+    except (ConnectionRefusedError, ConnectionResetError):
+        return False
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_the_output_process_ends_or_stops(own_life: Any, row_of: Any, number: signal.Signals) -> None:
+    port = free_port()
+    life = own_life("--nmea-tcp", str(port))
+    life.live.until_whole()
+    wait_until(lambda: heading_heard(port), DEADLINE_S)
+    before_s, pid = life.now_s(), output_pid(life.live.process.pid)
+    os.kill(pid, number)
+    if number == signal.SIGKILL:
+        noticed_s = wait_until(lambda: not alive(pid), 2.0)
+    else:
+        noticed_s = None
+        life.live.until(lambda status: status["t_s"] > before_s + 5.0, "5 s more")
+        os.kill(pid, signal.SIGCONT)
+    whole_s = wait_until(lambda: heading_heard(port), DEADLINE_S)
+    assert set(life.modes(before_s, life.now_s())) == {"ok"}
+    row_of(life, f"output process: {number.name}", "ok; outputs pause", noticed_s, whole_s)
+    assert life.live.end() == 0
+    tenths = np.round(read_heading_csv(life.live.csv)["t_s"] * 10).astype(int)
+    assert (np.diff(tenths) == 1).all()  # every row of the grid
+    assert life.live.replayed() == life.live.csv.read_bytes()

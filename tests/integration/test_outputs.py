@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import random
 import re
 import select
 import shutil
@@ -23,23 +22,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_boat import DEADLINE_S, ROOT
+from live_boat import DEADLINE_S, ROOT, free_port, output_pid
 
 from acquisition.simulator.ptys import LINK_NAMES
 from tinyekf_py.control_socket import ControlError, call
 from tinyekf_py.heading_csv import read_heading_csv
 
 Found = Callable[[dict[str, Any]], object]
-
-
-def free_port() -> int:
-    """A port that nothing listens at, below those that the kernel gives to connections."""
-    while True:
-        with (
-            contextlib.suppress(OSError),
-            socket.create_server(("127.0.0.1", random.randrange(20_000, 32_000))) as probe,
-        ):
-            return int(probe.getsockname()[1])
 
 
 def environment(folder: Path) -> dict[str, str]:
@@ -96,15 +85,10 @@ class Program:
     def output_pid(self) -> int:
         """The output process, once there is one."""
         end = time.monotonic() + DEADLINE_S
-        while True:
-            for entry in Path("/proc").iterdir():
-                with contextlib.suppress(OSError):
-                    command = (entry / "cmdline").read_bytes() if entry.name.isdigit() else b""
-                    parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1]) if command else 0
-                    if parent == self.process.pid and b"tinyekf_py.outputs.process" in command:
-                        return int(entry.name)
+        while not (pid := output_pid(self.process.pid)):
             assert time.monotonic() < end, self.log.read_text()
             select.select([], [], [], 0.05)
+        return pid
 
     def end(self) -> None:
         self.process.send_signal(signal.SIGTERM)

@@ -112,14 +112,19 @@ def test_the_token_gives_control(open_web: WebProcess, token_file: Path) -> None
         assert json.loads(read_frame(connection)[1])["name"] == "tinyekf"
 
 
-def test_the_token_is_its_owners_alone_and_stays(start: Start, token_file: Path) -> None:
+def test_the_token_is_its_owners_alone_and_stays(
+    start: Start, token_file: Path, capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
     start(host="0.0.0.0", token_file=str(token_file))
     token = token_of(token_file)
+    assert capfd.readouterr().err.count(token) == 1
     assert stat.S_IMODE(token_file.stat().st_mode) == 0o600
     assert stat.S_IMODE(token_file.parent.stat().st_mode) == 0o700
     assert len(token.replace("-", "")) * 5 >= 120  # bits
     start(host="0.0.0.0", token_file=str(token_file))
     assert token_of(token_file) == token
+    assert token not in capfd.readouterr().err
+    assert token not in caplog.text  # whose lines are shown to everybody who may read
 
 
 def test_a_session_is_a_cookie_that_neither_scripts_nor_other_sites_can_use(

@@ -7,6 +7,7 @@ import contextlib
 import ipaddress
 import logging
 import os
+import sys
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
@@ -68,7 +69,9 @@ def _access(settings: Mapping[str, Any]) -> Access:
     except TokenFileError as error:
         raise OutputError(str(error)) from error
     if is_new:
-        _log.warning("outputs.web: control needs the token %s (kept in %s; this is its only mention)", token, path)
+        # Not logged: log lines are shown to everybody who may read.
+        print(f"outputs.web: the token is {token} (kept in {path}; told this once)", file=sys.stderr, flush=True)
+    _log.info("outputs.web: control needs the token kept in %s", path)
     return Access(token, names, read_token=settings["read_token"])
 
 

@@ -7,13 +7,14 @@ import os
 import platform
 import select
 import shutil
-import socket
 import subprocess
 import time
 import urllib.error
 import urllib.request
 from pathlib import Path
 from typing import Any
+
+from live_boat import free_port
 
 DEADLINE_S = 60.0
 ROOT = Path(__file__).resolve().parents[2]
@@ -56,7 +57,7 @@ class SignalKServer:
             "pipedProviders": [{"id": "boat", "enabled": True, "pipeElements": [simple]}],
         }
         (folder / "settings.json").write_text(json.dumps(settings))
-        self.port = _free_port()
+        self.port = free_port()
         self.log = folder / "server.log"
         command = [modules / NODE / "bin" / "node", modules / "signalk-server" / "bin" / "signalk-server", "-c", folder]
         with self.log.open("wb") as log:
@@ -99,9 +100,3 @@ class SignalKServer:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])

@@ -7,7 +7,6 @@ import math
 import os
 import select
 import shutil
-import socket
 import subprocess
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
@@ -15,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_boat import Program, SimulatedBoat
+from live_boat import Program, SimulatedBoat, free_port
 from signalk_server import NODE, SignalKServer, install
 
 from acquisition.recording import read_recording
@@ -52,12 +51,6 @@ def boat(tmp_path: Path) -> Iterator[SimulatedBoat]:
     boat = SimulatedBoat(tmp_path)
     yield boat
     boat.close()
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def output(name: str, port: int) -> str:

@@ -11,6 +11,7 @@ from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
+from live_boat import free_port
 
 from tinyekf_py.estimate import Estimate
 from tinyekf_py.outputs import broadcast, signalk
@@ -21,12 +22,6 @@ from tinyekf_py.view_state import ViewState
 
 DEADLINE_S = 20.0
 STATE = ViewState(Estimate(0, 90.0, 0.5, 1.0, 35.0, 126.0, "ok", "gps"))
-
-
-def free_port(kind: int = socket.SOCK_STREAM) -> int:
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 class Link:

@@ -20,8 +20,9 @@ from tinyekf_py.calibrate.config_edit import set_key
 from tinyekf_py.calibrate.current import find_current
 from tinyekf_py.calibrate.deviation_fit import deviation_sigma_deg, fit_deviation, largest_gap
 from tinyekf_py.calibrate.gyro_fit import fit_gyro
+from tinyekf_py.calibrate.latency_fit import SIGMA_S, fit_latency, worth_writing
 from tinyekf_py.calibrate.track import CalibrationError, track_of
-from tinyekf_py.config import Config, ConfigError, config_text, load_config
+from tinyekf_py.config import Config, ConfigError, ImuConfig, config_text, load_config
 from tinyekf_py.deviation import deviation_deg
 from tinyekf_py.evaluate.decoded import decode
 
@@ -96,6 +97,44 @@ def test_the_gyros_bias(tmp_path: Path) -> None:
     assert fit.bias_dps[2] == pytest.approx(voyage.imu.bias_dps[2], abs=0.15)
 
 
+def test_the_gyros_bias_is_written_in_its_own_axes(tmp_path: Path) -> None:
+    recording, voyage = sailed(tmp_path, SCENARIOS["harbour"], duration_s=300.0)
+    config = tmp_path / "tinyekf.toml"
+    assert main(["gyro", str(recording), "--write", str(config)]) == 0
+    written = load_config(config).sensors["imu"]
+    assert isinstance(written, ImuConfig)
+    assert written.gyro_bias_dps == pytest.approx(voyage.imu.bias_dps, abs=0.2)
+    config.write_text(config.read_text() + "mount = [0, 0, 90]\n")
+    config.write_text(f"{config.read_text()}[vessel]\nvariation_deg = -8\n")
+    assert main(["gyro", str(recording), "--config", str(config), "--write", str(config)]) == 0
+    again = load_config(config).sensors["imu"]
+    assert isinstance(again, ImuConfig)
+    assert again.gyro_bias_dps == pytest.approx(written.gyro_bias_dps, abs=0.05)
+
+
+def test_the_receivers_latencies_and_how_well_they_are_known(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording, voyage = sailed(tmp_path, SCENARIOS["harbour"], seed=2, duration_s=500.0)
+    found = fit_latency(decode(recording))
+    assert [latency.source for latency in found] == ["gps1", "gps2", "gps3"]
+    for latency in found:
+        assert abs(latency.seconds - voyage.receivers[latency.source].latency_s) < 3.0 * latency.sigma_s
+        assert latency.sigma_s < SIGMA_S
+    config = tmp_path / "tinyekf.toml"
+    assert main(["latency", str(recording), "--write", str(config)]) == 0
+    if worth_writing(found):
+        wanted = {latency.source: round(1e3 * latency.seconds) for latency in worth_writing(found)}
+        assert {name: load_config(config).sensors[name].latency_ms for name in wanted} == wanted
+    assert "±" in capsys.readouterr().out
+
+
+def test_a_recording_without_turns_tells_no_latency(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording, _ = sailed(tmp_path, SCENARIOS["straight"], duration_s=60.0)
+    assert main(["latency", str(recording)]) == 1
+    assert "turn" in capsys.readouterr().err
+
+
 def test_a_recording_too_short_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recording, _ = sailed(tmp_path, SWING, duration_s=20.0)
     with pytest.raises(CalibrationError, match="less than 30 s"):
@@ -117,6 +156,7 @@ def test_the_card_is_printed_drawn_and_written(tmp_path: Path, capsys: pytest.Ca
     assert 'port = "/dev/ttyUSB7"  # aft' in config.read_text()
     written = load_config(config).sensors["compass"]
     assert any(written.deviation)  # type: ignore[attr-defined]
+    assert max(load_config(config).fusion.adaptive.deviation_sigma_deg) < 1.0
     assert main(["compass", str(recording), "--write", str(config)]) == 0
     assert load_config(config).sensors["compass"] == written
 

@@ -74,15 +74,19 @@ class Decoded:
 
     @cached_property
     def imu(self) -> tuple[Floats, Floats, Floats]:
-        """Of each complete IMU sample: seconds (n,); gyro, degrees/s (n, 3); gravity, g (n, 3): in the boat's axes."""
+        """Of each complete IMU sample: seconds (n,); gyro, degrees/s (n, 3); gravity, g (n, 3): in the boat's axes.
+
+        The configured bias is taken off the gyro.
+        """
         samples = self.samples[self.samples["source"] == IMU]
         samples = samples[np.all(np.isfinite(samples["gyro_dps"]), axis=1)]
         sensor = self.config.sensors.get("imu")
-        turn, sign = np.eye(3), 1.0
+        turn, sign, bias_dps = np.eye(3), 1.0, np.zeros(3)
         if isinstance(sensor, ImuConfig):
             turn = np.array(rotation(sensor.mount))
+            bias_dps = np.array(sensor.gyro_bias_dps)
             sign = -1.0 if sensor.accel == "specific-force" else 1.0
-        return samples["t_us"] / 1e6, samples["gyro_dps"] @ turn.T, sign * samples["accel_g"] @ turn.T
+        return samples["t_us"] / 1e6, (samples["gyro_dps"] - bias_dps) @ turn.T, sign * samples["accel_g"] @ turn.T
 
     @cached_property
     def compass(self) -> tuple[Floats, Floats, Floats]:

@@ -346,6 +346,28 @@ def test_a_program_that_falls_silent_is_told_of(page: Page, made_up: WebProcess)
     expect(page.locator("#heading")).to_have_text("123.4")
 
 
+def test_a_page_that_may_not_read_asks_for_the_token(page: Page, tmp_path: Path) -> None:
+    token_file = tmp_path / "token"
+    web = WebProcess(read_token=True, token_file=str(token_file))
+    try:
+        page.goto(f"http://127.0.0.1:{web.port}")
+        expect(page.locator("#login")).to_be_visible()
+        page.click("#login-cancel")
+        expect(page.locator("#lost-title")).to_have_text("✕ LOCKED")
+        expect(page.locator("#heading")).to_have_text("---")
+        page.click("#unlock")
+        page.fill("#token", token_file.read_text())
+        page.keyboard.press("Enter")
+        expect(page.locator("#heading")).to_have_text("123.4")
+        page.goto("about:blank")
+        page.context.clear_cookies()
+        page.goto(f"http://127.0.0.1:{web.port}/#token={token_file.read_text().strip()}")
+        expect(page.locator("#heading")).to_have_text("123.4")
+        assert page.url == f"http://127.0.0.1:{web.port}/"
+    finally:
+        web.close()
+
+
 def test_the_token_is_entered_once(page: Page, tmp_path: Path) -> None:
     token_file = tmp_path / "token"
     web = WebProcess(names=["boat.local"], token_file=str(token_file))

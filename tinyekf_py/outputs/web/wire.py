@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import time
 from math import isfinite
 from typing import Any
 
@@ -24,6 +25,7 @@ def state_object(feed: Feed) -> dict[str, Any]:
     plain["estimate_age_s"] = number(state.estimate_age_s + feed.age_s if state.estimate else float("inf"), 3)
     plain["sigma_is_calibrated"] = state.method == "adaptive"
     plain["alarms"] = _plain(feed.alarms)
+    plain["sent_s"] = round(time.monotonic(), 3)  # on this machine's monotonic clock: what comes late shows by it
     # A program that no longer speaks: what it said last of its sensors is not how they are.
     plain["is_stale"] = not feed.age_s <= MAX_ESTIMATE_AGE_S
     return plain

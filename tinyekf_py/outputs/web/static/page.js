@@ -23,11 +23,12 @@ let socket = null;
 let state = null;          // the newest view state
 let heardAt = performance.now();  // when the last message came
 let validAt = null;        // when there last was a heading
-let behind = null;         // the least of (our clock - the program's), seconds: what comes later than that is late
+let behind = null;         // the least of (our clock - the server's), seconds: what comes later than that is late
 let lateS = 0;
 let access = { read: true, control: false };
 let history = { sensors: [], points: [] };
 let sureUntil = 0;
+let asked = false;         // for the token, unbidden
 
 // ---- connection ----
 
@@ -49,7 +50,11 @@ async function askAccess() {
   } catch {
     return; // not there: the next turn asks again
   }
-  if (!access.read && !$("login").open) $("login").showModal();
+  $("unlock").hidden = access.control;
+  if (!access.read && !$("login").open && !asked) {
+    asked = true;
+    $("login").showModal();
+  }
 }
 
 function take(message) {
@@ -71,12 +76,10 @@ function take(message) {
 const point = ([t, heading, sigma, mode, lat, lon, own, weight, errors]) => ({ t, heading, sigma, mode, lat, lon, own, weight, errors });
 
 function note(next) {
-  const offset = heardAt / 1000 - next.elapsed_s;
-  if (!next.is_stale) {
-    if (behind === null || offset < behind || next.elapsed_s < (state ? state.elapsed_s : 0)) behind = offset;
-    behind += 1e-5;        // clocks drift: forget slowly
-    lateS = offset - behind;
-  }
+  const offset = heardAt / 1000 - next.sent_s;
+  if (behind === null || offset < behind) behind = offset;
+  behind += 1e-5;          // clocks drift: forget slowly
+  lateS = offset - behind;
   const names = next.sensors.map((row) => row.name);
   if (state && next.elapsed_s < state.elapsed_s - 1) history.points = []; // a new run
   if (String(names) !== String(history.sensors)) history = { sensors: names, points: [] };
@@ -100,7 +103,10 @@ function show() {
   const lost = isLost();
   const link = lost ? "lost" : state ? "live" : "waiting";
   if (root.dataset.link !== link) root.dataset.link = link;
-  if (lost) {
+  if (!access.read) {
+    put($("lost-title"), "✕ LOCKED");
+    put($("lost-detail"), "the token is needed to read");
+  } else if (lost) {
     const seconds = Math.round((performance.now() - heardAt) / 1000);
     put($("lost-title"), lateS > LATE_S && seconds < 2 ? "✕ DATA COME LATE" : "✕ CONNECTION LOST");
     put($("lost-detail"), seconds < 2 ? `${lateS.toFixed(0)} s behind the boat` : `nothing heard for ${seconds} s; trying again`);

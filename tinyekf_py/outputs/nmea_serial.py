@@ -42,7 +42,7 @@ class SerialLine:
         """Write whole lines, or lose them; `now_s` is on any steady clock."""
         if self._rest:
             self._rest = self._rest[self._write(self._rest) :]
-        if self._rest or self._waiting() > len(chunk) // 2:
+        if self._rest or self._waiting() > len(chunk) // 4:
             self.lost += 1
             if self._stalled_since_s is None:
                 self._stalled_since_s = now_s

@@ -301,7 +301,7 @@ print("well")
 
 #: Under umockdev: a worker that would look for its device once an hour opens it as soon as udev tells of it.
 WOKEN = """
-import os, sys, time, tty
+import json, os, sys, time, tty
 from pathlib import Path
 sys.path.insert(0, "tests")
 from umockdev_testbed import Testbed
@@ -312,16 +312,20 @@ if len(sys.argv) > 3:  # the worker
     port_watch.RETRY_US = 3_600_000_000
     sys.exit(main(sys.argv[2:]))
 import subprocess
-from acquisition import worker_process
+from acquisition import supervisor as supervision
 from acquisition.device import DeviceSettings
 from acquisition.plug_monitor import PlugMonitor
 from acquisition.supervisor import Supervisor
+from acquisition.worker_process import WorkerProcess
 link = Path(sys.argv[1])
+class Patient(WorkerProcess):
+    def _start(self, settings, start_us, polling, out_fd, control_fd):
+        told = {"name": settings.name, "port": settings.port, "driver": settings.driver, "baud": settings.baud}
+        told |= {"options": {}, "polling": polling, "start_us": start_us, "parent_pid": os.getpid()}
+        command = [sys.executable, "-c", os.environ["WOKEN"], "worker", str(out_fd), str(control_fd), json.dumps(told)]
+        return subprocess.Popen(command, pass_fds=(out_fd, control_fd))
+supervision.WorkerProcess = Patient
 bed, monitor = Testbed(), PlugMonitor()
-popen = subprocess.Popen
-def patient(command, **more):
-    return popen([sys.executable, "-c", os.environ["WOKEN"], "worker", *command[4:]], **more)
-worker_process.subprocess.Popen = patient
 supervisor = Supervisor([DeviceSettings("gps1", str(link), "nmea", 9600)], time.monotonic_ns() // 1000, monitor)
 def until(state):
     end = time.monotonic() + 20

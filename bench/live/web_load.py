@@ -35,6 +35,7 @@ HANDSHAKE = (
     "GET /api/stream HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
     "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
 )
+PING, PONG = b"\x89\x00", b"\x8a\x80\0\0\0\0"
 
 
 def free_port() -> int:
@@ -85,7 +86,10 @@ class Clients:
     def _read(self) -> None:
         while not self._ended.is_set():
             for client in select.select(self.readers, [], [], 0.2)[0]:
-                self.marks += client.recv(1 << 20).count(self.mark)
+                chunk = client.recv(1 << 20)
+                self.marks += chunk.count(self.mark)
+                if PING in chunk:
+                    client.sendall(PONG)
 
     def close(self) -> None:
         self._ended.set()

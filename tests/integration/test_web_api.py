@@ -166,8 +166,10 @@ def test_signal_k_comes_over_a_websocket(web: WebProcess) -> None:
     assert status == 101
     with connection:
         told = messages(connection)
-        assert next(told)["name"] == "tinyekf"
-        values = {value["path"]: value["value"] for value in next(told)["updates"][0]["values"]}
+        greeting, delta = next(told), next(told)
+        assert greeting["name"] == "tinyekf"
+        assert greeting["self"] == delta["context"] == web.get("/signalk/v1/api/self").json()
+        values = {value["path"]: value["value"] for value in delta["updates"][0]["values"]}
     assert values["navigation.headingTrue"] == pytest.approx(123.4 * 3.14159265 / 180, abs=1e-5)
 
 

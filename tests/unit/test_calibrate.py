@@ -89,6 +89,23 @@ def test_the_largest_gap_is_found_across_north(start: float, width: float) -> No
     assert width - 25.0 <= gap <= width + 10.0
 
 
+def test_reciprocal_legs_give_the_current_to_those_who_ask(tmp_path: Path) -> None:
+    legs = tuple(Leg(60.0, heading) for heading in (20.0, 140.0, 200.0, 260.0, 320.0, 80.0))
+    scenario = replace(CURRENT, plan=legs)
+    recording, voyage = sailed(tmp_path, scenario, duration_s=500.0)
+    track = track_of(decode(recording))
+    assert fit_deviation([track]).current is None
+    fit = fit_deviation([track], reciprocal_legs=True)
+    assert fit.current is not None
+    assert fit.current.pairs >= 2
+    north, east = 0.45 * np.cos(np.radians(70.0)), 0.45 * np.sin(np.radians(70.0))
+    assert fit.current.north_mps == pytest.approx(north, abs=0.1)
+    assert fit.current.east_mps == pytest.approx(east, abs=0.1)
+    headings = np.arange(0.0, 360.0, 15.0)
+    errors = deviation_deg(fit.coefficients_deg, headings) - deviation_deg(voyage.compass.deviation_deg, headings)
+    assert np.sqrt(np.mean(errors**2)) < 1.5
+
+
 def test_the_gyros_bias(tmp_path: Path) -> None:
     recording, voyage = sailed(tmp_path, SCENARIOS["harbour"], duration_s=300.0)
     fit = fit_gyro(decode(recording))

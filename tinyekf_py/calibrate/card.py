@@ -20,9 +20,12 @@ def card_text(fit: DeviationFit) -> str:
     lines = [f"Deviation by {fit.seconds:.0f} s of sailing; {fit.residual_deg:.1f} degrees RMS from second to second"]
     if fit.current is not None:
         current = fit.current
+        by = [f"{current.swings} circle(s)"] * (current.swings > 0) + [f"{current.pairs} pair(s) of legs"] * (
+            current.pairs > 0
+        )
         lines.append(
             f"Current: {current.drift_mps:.2f} m/s setting {current.set_deg:03.0f} true, give or take "
-            f"{current.sigma_mps:.2f} m/s, by {current.swings} circle(s) at {current.water_speed_mps:.1f} m/s"
+            f"{current.sigma_mps:.2f} m/s, by {' and '.join(by)} at {current.water_speed_mps:.1f} m/s"
         )
     lines.append("")
     for name, value, sigma in zip(NAMES, fit.coefficients_deg, fit.sigma_deg, strict=True):

@@ -38,6 +38,9 @@ def _parser() -> OneLineParser:
     compass.add_argument("recordings", nargs="+", type=Path, metavar="REC", help="recordings, best with slow circles")
     compass.add_argument("--card", type=Path, metavar="PNG", help="draw the deviation card there")
     compass.add_argument("--write", type=Path, metavar="CONFIG", help="put the coefficients into this configuration")
+    compass.add_argument(
+        "--reciprocal-legs", action="store_true", help="legs on opposite headings were sailed at the same water speed"
+    )
     gyro = kinds.add_parser("gyro", help="the gyro's bias")
     latency = kinds.add_parser("latency", help="how late the receivers' lines come")
     for parser_of_kind, what in ((gyro, "the bias"), (latency, "what is well known")):
@@ -62,7 +65,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _compass(options: argparse.Namespace, config: Config | None) -> int:
-    fit = fit_deviation([track_of(decode(recording, config)) for recording in options.recordings])
+    fit = fit_deviation(
+        [track_of(decode(recording, config)) for recording in options.recordings],
+        reciprocal_legs=options.reciprocal_legs,
+    )
     print(card_text(fit), end="")
     for warning in fit.warnings:
         print(f"warning: {warning}", file=sys.stderr)

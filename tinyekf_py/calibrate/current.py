@@ -1,6 +1,7 @@
 """The current, from a swing: at constant water speed the ground velocity of a turning boat draws a circle around it.
 
-The boat's sideslip in the turn changes where on the circle she is at a heading, not the circle.
+The boat's sideslip in the turn changes where on the circle she is at a heading, not the circle. Two legs on opposite
+headings at one water speed show it too; but nothing in a recording says that the speed was the same: the user does.
 """
 
 from __future__ import annotations
@@ -23,6 +24,14 @@ MAX_RESIDUAL_MPS = 0.14
 MAX_CHANGE_MPS = 0.1
 MAX_SHARE = 0.03
 
+#: A leg is as long, its ends left out, and turns no faster; two are reciprocal when their headings differ by so much.
+MIN_LEG_S = 30
+MAX_LEG_RATE_DPS = 1.0
+MIN_BETWEEN_DEG = 150.0
+
+_LEG_ENDS = 8  # bins in which she still gains speed
+_LEG_SIGMA_MPS = 0.05  # how well "the same speed" is kept
+_LEG_SIGMA_DEG = 2.0  # of the compass, from one heading to the opposite one
 _SMOOTH = 5  # bins
 _LEAD = 6  # bins at the beginning of a turn in which she still loses speed
 _CORRELATED = 3.0  # neighbouring bins err alike (waves, receivers): so many count as one
@@ -37,6 +46,7 @@ class Current:
     sigma_mps: float  #: of either component
     water_speed_mps: float  #: in the swing
     swings: int
+    pairs: int = 0  #: of reciprocal legs
 
     @property
     def set_deg(self) -> float:
@@ -66,6 +76,44 @@ def combined(found: Sequence[Current]) -> Current | None:
         total**-0.5,
         float(np.dot(weights, [current.water_speed_mps for current in found]) / total),
         sum(current.swings for current in found),
+        sum(current.pairs for current in found),
+    )
+
+
+def current_by_legs(track: Track) -> Current | None:
+    """The current by all pairs of reciprocal legs, sailed at the same water speed; None when there is none."""
+    legs = _legs(track)
+    return combined([pair for i, one in enumerate(legs) for other in legs[i + 1 :] if (pair := _pair(one, other))])
+
+
+def _legs(track: Track) -> list[tuple[float, float, float]]:
+    """Ground velocity north and east, m/s, and compass heading, rad, of each straight leg."""
+    straight = (np.abs(track.smooth_rate_dps(_SMOOTH)) < MAX_LEG_RATE_DPS).astype(int)
+    straight[1:][np.diff(track.t_s) > 3.0] = 0
+    edges = np.flatnonzero(np.diff(straight, prepend=0, append=0))
+    legs = []
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        part = slice(int(start) + _LEG_ENDS, int(stop) - 2)
+        if part.stop - part.start < MIN_LEG_S:
+            continue
+        angle = np.exp(1j * np.radians(track.compass_deg[part])).mean()
+        legs.append((float(track.north_mps[part].mean()), float(track.east_mps[part].mean()), float(np.angle(angle))))
+    return legs
+
+
+def _pair(one: tuple[float, float, float], other: tuple[float, float, float]) -> Current | None:
+    """The point from which both velocities are as long, and as far apart in direction as the compass says."""
+    between = math.remainder(other[2] - one[2], math.tau)
+    if abs(between) < math.radians(MIN_BETWEEN_DEG):
+        return None
+    north, east = other[0] - one[0], other[1] - one[1]
+    speed = math.hypot(north, east) / (2.0 * math.sin(abs(between) / 2.0))
+    if speed < MIN_WATER_SPEED_MPS:
+        return None
+    heading = math.atan2(east, north) - between / 2.0 - math.copysign(math.pi / 2.0, between)
+    sigma = math.hypot(_LEG_SIGMA_MPS, speed * math.radians(_LEG_SIGMA_DEG) / 2.0)
+    return Current(
+        one[0] - speed * math.cos(heading), one[1] - speed * math.sin(heading), sigma, speed, swings=0, pairs=1
     )
 
 

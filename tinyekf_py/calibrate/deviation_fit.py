@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tinyekf_py.calibrate.current import Current, combined, find_current
+from tinyekf_py.calibrate.current import Current, combined, current_by_legs, find_current
 from tinyekf_py.calibrate.track import CalibrationError, Floats, Track
 from tinyekf_py.deviation import deviation_deg, deviation_terms
 from tinyekf_py.evaluate.truth import wrap_deg
@@ -49,17 +49,20 @@ class DeviationFit:
     warnings: tuple[str, ...]
 
 
-def fit_deviation(tracks: Sequence[Track]) -> DeviationFit:
-    """Fit A to E to one or several recordings of one boat; CalibrationError when they cannot tell anything."""
+def fit_deviation(tracks: Sequence[Track], *, reciprocal_legs: bool = False) -> DeviationFit:
+    """Fit A to E to one or several recordings of one boat; CalibrationError when they cannot tell anything.
+
+    `reciprocal_legs`: where there is no circle, legs on opposite headings were sailed at the same water speed.
+    """
     # The current of one day is not that of another: each recording has its own, where it has a swing.
-    currents = [find_current(track) for track in tracks]
+    currents = [find_current(track) or (current_by_legs(track) if reciprocal_legs else None) for track in tracks]
     swung = [(track, current) for track, current in zip(tracks, currents, strict=True) if current is not None]
     usable: list[tuple[Track, Current | None]] = [*swung] or [(track, None) for track in tracks]
     warnings = []
     if not swung:
         warnings.append(
             "no full circle at constant water speed: the current is unknown, and B and C (which it imitates) are not "
-            "fitted; record a slow circle each way"
+            "fitted; record a slow circle each way, or legs on opposite headings at one speed (--reciprocal-legs)"
         )
     elif len(swung) < len(tracks):
         warnings.append(f"{len(tracks) - len(swung)} of {len(tracks)} recordings have no full circle and were left out")

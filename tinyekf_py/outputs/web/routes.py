@@ -91,6 +91,7 @@ def make_application(site: Site) -> web.Application:
             web.get("/api/stream", api.read(api.stream), allow_head=False),
             web.post("/api/tasks/{name:[a-z0-9-]{1,16}}/{verb:start|stop}", api.control(api.switch)),
             web.get("/signalk", api.signalk_endpoints),
+            web.get("/signalk/v1/api/self", api.read(api.signalk_self)),
             web.get("/signalk/v1/stream", api.control(api.signalk_stream), allow_head=False),
             web.get("/metrics", api.read(api.metrics)),
             web.get("/healthz", api.read(api.health)),
@@ -254,9 +255,16 @@ class _Api:
 
     async def signalk_endpoints(self, request: web.Request) -> web.StreamResponse:
         """Where Signal K is found here."""
-        stream = f"ws://{request.host}/signalk/v1/stream"
-        endpoints = {"v1": {"version": signalk_delta.VERSION, "signalk-ws": stream}}
+        paths = {
+            "signalk-http": f"http://{request.host}/signalk/v1/api/",
+            "signalk-ws": f"ws://{request.host}/signalk/v1/stream",
+        }
+        endpoints = {"v1": {"version": signalk_delta.VERSION, **paths}}
         return answer({"endpoints": endpoints, "server": {"id": "tinyekf", "version": signalk_delta.VERSION}})
+
+    async def signalk_self(self, _request: web.Request) -> web.StreamResponse:
+        """The context of the stream's deltas: which a Signal K server takes for its own boat's."""
+        return answer(to_json(signalk_delta.vessel_context()))
 
     async def signalk_stream(self, request: web.Request) -> web.StreamResponse:
         """Signal K deltas: a greeting, then one with every view state."""

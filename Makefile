@@ -10,13 +10,20 @@ C_TESTS := $(patsubst tests/c/%.c,build/c/%,$(wildcard tests/c/test_*.c))
 WARNINGS := -Wall -Wextra -Wpedantic -Wconversion -Werror -std=c11
 SANITIZE := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 
-.PHONY: run test lint bench bench-accuracy clean install test-c goldens
+.PHONY: run test board lint bench bench-accuracy clean install test-c goldens
 
 run: $(VENV)/run  ## the live program on five simulated devices
 	$(BIN)/tinyekf run --simulate
 
 test: install lint test-c  ## everything
 	$(BIN)/python -m pytest
+
+board:  ## the packages for armhf and arm64, tried on emulated boards; as root
+	toolchain/setup-host.sh
+	toolchain/debian-package.sh armhf
+	toolchain/debian-package.sh arm64
+	toolchain/emulated-board.sh armhf
+	toolchain/emulated-board.sh arm64 replay
 
 install: $(VENV)/install
 

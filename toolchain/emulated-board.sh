@@ -172,7 +172,7 @@ step_service() {
 step_tests() {
     install_packages
     local tests=(
-        compass_decoder config core ebimu framing gps_decoder heading_csv message nmea output_frame port recording variation
+        compass_decoder config core ebimu framing gps_decoder heading_csv message output_frame port recording variation
     )
     tests=("${tests[@]/#/tests/unit/test_}")
     quietly "the unit tests on the board" on_board sh -c 'cd /project && exec python3 -P -m pytest -q \

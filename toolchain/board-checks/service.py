@@ -1,7 +1,7 @@
 """Starts the installed service as systemd would, in a root where no systemd runs; run on the board, as root.
 
-The unit's ExecStart is run as its User with its runtime and state folders, and a socket of ours hears what it would tell
-systemd: ready, the watchdog's feed, the end.
+The unit's ExecStart is run as its User with its runtime and state folders, and a socket of ours hears what it would
+tell systemd: ready, the watchdog's feed, the end.
 """
 
 from __future__ import annotations

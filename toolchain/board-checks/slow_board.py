@@ -1,4 +1,4 @@
-"""A pytest plugin for an emulated processor: no test of properties fails for being slow, and each tries fewer examples."""
+"""A pytest plugin for an emulated processor: no property fails for being slow, and each is tried on few examples."""
 
 from __future__ import annotations
 

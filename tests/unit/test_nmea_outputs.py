@@ -19,7 +19,7 @@ import pytest
 
 from tinyekf_py.config import Config, ConfigError, apply_flat
 from tinyekf_py.estimate import Estimate
-from tinyekf_py.outputs import nmea_serial, nmea_tcp, nmea_udp
+from tinyekf_py.outputs import broadcast, nmea_serial, nmea_tcp, nmea_udp
 from tinyekf_py.outputs.feed import Feed
 from tinyekf_py.outputs.frame import Frame, encode
 from tinyekf_py.outputs.nmea_serial import SerialLine
@@ -60,6 +60,7 @@ async def sailing(output: ModuleType, state: ViewState = STATE, **settings: Any)
     name = output.__name__.rpartition(".")[2]
     nmea = settings.pop("nmea", {})
     flat = {f"outputs.nmea.{key}": value for key, value in nmea.items()}
+    flat |= {f"outputs.{key}": value for key, value in settings.pop("outputs", {}).items()}
     flat |= {f"outputs.{name}.{key}": value for key, value in {"enabled": True, **settings}.items()}
     table: Mapping[str, Any] = switched_on(apply_flat(Config(), flat, "the test").outputs)[name]
     boat = Boat(state)
@@ -131,6 +132,20 @@ def test_no_heading_is_sent_twice_and_a_stale_one_is_void() -> None:
             assert (await listener.line("HDT")) not in seen
 
     asyncio.run(scenario())
+
+
+def test_another_machine_is_sent_of_a_simulation_only_what_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(broadcast, "is_loopback", lambda _address: False)
+
+    async def scenario(*, allow_simulated: bool) -> set[str]:
+        port = free_port()
+        outputs = {"allow_simulated": allow_simulated}
+        async with sailing(nmea_tcp, STATE._replace(simulated=True), port=port, outputs=outputs):
+            listener = await Listener().connect(port)
+            return {(await listener.line())[3:6] for _ in range(40)}
+
+    assert asyncio.run(scenario(allow_simulated=False)) == {"THS", "GGA", "RMC"}
+    assert asyncio.run(scenario(allow_simulated=True)) >= {"HDT", "HDG", "HDM", "ROT", "XDR", "THS", "GGA", "RMC"}
 
 
 def test_an_alarm_is_sent_while_it_is_raised() -> None:

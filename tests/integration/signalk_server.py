@@ -16,7 +16,7 @@ from typing import Any
 
 from live_boat import free_port
 
-DEADLINE_S = 60.0
+DEADLINE_S = 120.0  # it starts in 3 s on an idle machine
 ROOT = Path(__file__).resolve().parents[2]
 HOME = ROOT / "build" / "signalk-server"
 #: It wants Node.js 22 or later; the package of node@22 for this machine brings just the program.
@@ -43,12 +43,16 @@ def install() -> Path:
 
 
 class SignalKServer:
-    """The server, connected by TCP to `source_port` of this machine for `data_type`: "NMEA0183" or "SignalK"."""
+    """The server, connected to `source_port` of this machine for `data_type`, "NMEA0183" or "SignalK".
 
-    def __init__(self, folder: Path, data_type: str, source_port: int) -> None:
+    `by` is "tcp", or "ws" for a WebSocket.
+    """
+
+    def __init__(self, folder: Path, data_type: str, source_port: int, by: str = "tcp") -> None:
         modules = install()
         folder.mkdir()
-        provider = {"type": "tcp", "host": "127.0.0.1", "port": source_port, "validateChecksum": True}
+        provider = {"type": by, "host": "127.0.0.1", "port": source_port, "validateChecksum": True}
+        provider |= {"useDiscovery": False, "selfHandling": "useRemoteSelf"}  # by WebSocket
         simple = {"type": "providers/simple", "options": {"type": data_type, "subOptions": provider}}
         settings = {
             "interfaces": dict.fromkeys(INTERFACES_OFF, False),
@@ -60,10 +64,10 @@ class SignalKServer:
         self.port = free_port()
         self.log = folder / "server.log"
         command = [modules / NODE / "bin" / "node", modules / "signalk-server" / "bin" / "signalk-server", "-c", folder]
+        # It asks nobody for a newer version.
+        environment = {**os.environ, "PORT": str(self.port), "SIGNALK_DISABLE_SERVER_UPDATES": "1"}
         with self.log.open("wb") as log:
-            self._process = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env={**os.environ, "PORT": str(self.port)}
-            )
+            self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment)
 
     def get(self, path: str) -> Any:
         """What its REST interface says of the boat's own `path`; None where it knows nothing."""

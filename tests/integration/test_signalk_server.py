@@ -1,12 +1,14 @@
-"""A real signalk-server understands the program, both ways: NMEA 0183 over TCP, and Signal K deltas over TCP."""
+"""A real signalk-server understands the program every way: NMEA 0183 and deltas over TCP, deltas over WebSocket."""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
 import select
 import shutil
+import socket
 import subprocess
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
@@ -34,11 +36,11 @@ if shutil.which("npm") is None and not os.environ.get("CI"):
 
 
 @pytest.fixture
-def server(tmp_path: Path) -> Iterator[Callable[[str, int], SignalKServer]]:
+def server(tmp_path: Path) -> Iterator[Callable[..., SignalKServer]]:
     servers: list[SignalKServer] = []
 
-    def start(data_type: str, source_port: int) -> SignalKServer:
-        servers.append(SignalKServer(tmp_path / "server", data_type, source_port))
+    def start(*source: str | int) -> SignalKServer:
+        servers.append(SignalKServer(tmp_path / "server", *source))
         return servers[-1]
 
     yield start
@@ -53,19 +55,29 @@ def boat(tmp_path: Path) -> Iterator[SimulatedBoat]:
     boat.close()
 
 
+def serves(port: int) -> bool:
+    with contextlib.suppress(ConnectionRefusedError), socket.create_connection(("127.0.0.1", port)):
+        return True
+    return False
+
+
 def output(name: str, port: int) -> str:
     return f"[outputs.{name}]\nenabled = true\nport = {port}\n"
 
 
-@pytest.mark.parametrize(("name", "data_type"), [("nmea_tcp", "NMEA0183"), ("signalk", "SignalK")])
+@pytest.mark.parametrize(
+    ("name", "data_type", "by"),
+    [("nmea_tcp", "NMEA0183", "tcp"), ("signalk", "SignalK", "tcp"), ("web", "SignalK", "ws")],
+)
 def test_the_servers_heading_is_the_programs(
-    tmp_path: Path, boat: SimulatedBoat, server: Callable[[str, int], SignalKServer], name: str, data_type: str
+    tmp_path: Path, boat: SimulatedBoat, server: Callable[..., SignalKServer], name: str, data_type: str, by: str
 ) -> None:
     port = free_port()
     live = Program(tmp_path, boat, config=output(name, port))
     try:
-        asked = server(data_type, port)
         live.until_whole()
+        live.until(lambda _status: serves(port), "serving")
+        asked = server(data_type, port, by)
         answers = []
         stamp = ""
         while len(answers) < ANSWERS:
@@ -98,7 +110,7 @@ def test_the_servers_heading_is_the_programs(
 
 
 def test_the_server_hears_of_a_heading_that_is_lost_and_found(
-    tmp_path: Path, boat: SimulatedBoat, server: Callable[[str, int], SignalKServer]
+    tmp_path: Path, boat: SimulatedBoat, server: Callable[..., SignalKServer]
 ) -> None:
     port = free_port()
     live = Program(tmp_path, boat, config=output("signalk", port))

@@ -11,6 +11,7 @@ resident memory and open files after the first simulated hour, and lines that di
 from __future__ import annotations
 
 import argparse
+import fcntl
 import json
 import os
 import select
@@ -37,9 +38,11 @@ from tinyekf_py import live
 from tinyekf_py.config import Config, apply_flat
 
 CYCLE_S = 600
-MINUTE_US = 60_000_000
-HOUR_US = 60 * MINUTE_US
-BATCH = 200
+FLUSH_US = 10_000_000  # so far the disk may be behind: what waits for it is memory too
+HOUR_US = 3_600_000_000
+BATCH = 400
+PIPE_BYTES = 1 << 16  # more than a real one, for fewer turns of the processes
+AHEAD = 500  # messages of a device that may wait here for those of another
 
 Burst = tuple[int, bytes]
 
@@ -113,6 +116,7 @@ class SimulatedProcess(WorkerProcess):
     def _start(
         self, settings: DeviceSettings, start_us: int, polling: bool, out_fd: int, control_fd: int
     ) -> subprocess.Popen[bytes]:
+        fcntl.fcntl(out_fd, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         told = WorkerSettings(
             settings.name, settings.port, settings.driver, settings.baud, dict(settings.options), polling, start_us,
             os.getpid(),
@@ -139,7 +143,7 @@ class Soak:
         """So far has the run come: let the disk follow, look at the processes, end."""
         self._now_us = t_us
         if t_us >= self._next_flush_us:
-            self._next_flush_us += MINUTE_US
+            self._next_flush_us += FLUSH_US
             for file in (self.run._recording, self.run._csv):
                 assert file is not None
                 file.flush()
@@ -192,18 +196,23 @@ class Merging(Supervisor):
         soak = self.soak
         messages: list[tuple[str, Message]] = []
         while len(messages) < BATCH:
-            while behind := [name for name, queue in soak.waiting.items() if not queue]:
-                # Read from nobody who is ahead: his pipe fills, and he waits.
-                pipes = {process: name for name in behind if (process := self._watched[name].process) is not None}
-                for pipe in select.select(list(pipes), [], [], 1.0)[0]:
-                    name = pipes[pipe]
-                    soak.waiting[name].extend(message for _, message in self._receive(self._watched[name]))
+            while not all(soak.waiting.values()):
+                self._hear(1, 1.0)
             name = min(soak.waiting, key=lambda name: soak.waiting[name][0].t_us)
             message = soak.waiting[name].popleft()
             soak.lines[name] += message.kind == LINE
             messages.append((name, message))
+        self._hear(AHEAD, 0.0)
         soak.passed(self.states, messages[-1][1].t_us)
         return messages
+
+    def _hear(self, ahead: int, timeout_s: float) -> None:
+        """Read from those with fewer than `ahead` messages waiting; the pipe of another fills, and he waits."""
+        watched = [w for w in self._watched.values() if len(self.soak.waiting[w.name]) < ahead]
+        pipes = {w.process: w for w in watched if w.process is not None}
+        for pipe in select.select(list(pipes), [], [], timeout_s)[0]:
+            one = pipes[pipe]
+            self.soak.waiting[one.name].extend(message for _, message in self._receive(one))
 
 
 def main() -> int:

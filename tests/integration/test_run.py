@@ -220,6 +220,9 @@ def test_printed_configuration_is_a_configuration(tmp_path: Path) -> None:
         (["--replay", "good.log", "--output", "x.csv", "--duration", "3"], "--duration goes with"),
         (["--replay", "good.log", "./good.log", "--output", "x.csv"], "good.log is named twice"),
         (["--simulate", "--record", "dear.log"], "would overwrite dear.truth.csv"),
+        (["--simulate", "--web", "99999"], "outputs.web.port = 99999"),
+        (["--replay", "good.log", "--speed", "1", "--nmea-tcp", "0"], "outputs.nmea_tcp.port = 0"),
+        (["--replay", "good.log", "--output", "x.csv", "--signalk"], "--signalk go with a live run"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )

@@ -9,12 +9,13 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from itertools import islice, pairwise
 from pathlib import Path
 
 import pytest
-from web_process import NAN, TASKS, WebProcess, boat, read_frame
+from web_process import DEADLINE_S, NAN, TASKS, WebProcess, boat, read_frame
 
 from tinyekf_py.outputs.process import MODULES
 from tinyekf_py.outputs.web.history import COLUMNS, LENGTH_S, PERIOD_S
@@ -33,6 +34,9 @@ def web(one: WebProcess) -> WebProcess:
     one.running.update(dict.fromkeys(TASKS, True))
     one.heading_deg = 123.4
     one.silent.clear()
+    end = time.monotonic() + DEADLINE_S
+    while not all(task["running"] for task in one.get("/api/state").json()["tasks"]):
+        assert time.monotonic() < end, "the tasks do not start"
     return one
 
 

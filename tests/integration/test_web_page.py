@@ -346,6 +346,12 @@ def test_a_program_that_falls_silent_is_told_of(page: Page, made_up: WebProcess)
     expect(page.locator("#heading")).to_have_text("123.4")
 
 
+def test_a_page_opened_late_shows_five_minutes_at_once(page: Page, made_up: WebProcess) -> None:
+    made_up.sail_quickly(10_000.0, 420.0)
+    page.goto(f"http://127.0.0.1:{made_up.port}")
+    expect(page.locator("#charts")).to_have_attribute("data-seconds", re.compile(r"^(29[5-9]|300)$"))
+
+
 def test_a_page_that_may_not_read_asks_for_the_token(page: Page, tmp_path: Path) -> None:
     token_file = tmp_path / "token"
     web = WebProcess(read_token=True, token_file=str(token_file))

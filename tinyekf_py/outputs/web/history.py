@@ -22,7 +22,7 @@ class History:
     """Points of a run; a run that begins anew begins an empty history."""
 
     def __init__(self) -> None:
-        self._points: deque[str] = deque(maxlen=round(LENGTH_S / PERIOD_S))
+        self._points: deque[tuple[float, str]] = deque()  # the time of each, and its JSON
         self._sensors: tuple[str, ...] = ()
         self._last_s = float("-inf")
 
@@ -41,24 +41,23 @@ class History:
             return
         self._last_s = t_s
         estimate = feed.estimate
-        self._points.append(
-            to_json(
-                (
-                    round(t_s, 1),
-                    number(estimate.heading_deg, 1),
-                    number(estimate.heading_sigma_deg, 1),
-                    estimate.mode,
-                    number(estimate.lat_deg, 6),
-                    number(estimate.lon_deg, 6),
-                    *_of_sensors(state, stale),
-                )
-            )
+        point = (
+            round(t_s, 1),
+            number(estimate.heading_deg, 1),
+            number(estimate.heading_sigma_deg, 1),
+            estimate.mode,
+            number(estimate.lat_deg, 6),
+            number(estimate.lon_deg, 6),
+            *_of_sensors(state, stale),
         )
+        self._points.append((t_s, to_json(point)))
+        while self._points[0][0] < t_s - LENGTH_S:
+            self._points.popleft()
 
     def json(self) -> str:
         """All points, as one object."""
         head = to_json({"columns": COLUMNS, "sensors": self._sensors, "length_s": LENGTH_S, "period_s": PERIOD_S})
-        return f'{head[:-1]},"points":[{",".join(self._points)}]}}'
+        return f'{head[:-1]},"points":[{",".join(text for _, text in self._points)}]}}'
 
 
 def _of_sensors(state: ViewState, stale: bool) -> tuple[list[Any], list[Any], list[Any]]:

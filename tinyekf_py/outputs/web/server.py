@@ -84,7 +84,7 @@ def _is_loopback(host: str) -> bool:
 
 async def _remember(site: Site) -> None:
     """Give the history its points."""
-    async for _ in site.feed.paced(1.0 / PERIOD_S):
+    async for _ in site.feed.frames(PERIOD_S):
         site.history.add(site.feed)
 
 

@@ -6,7 +6,8 @@ import { Sounder } from "./sound.js";
 import { TaskButtons, Tiles } from "./tiles.js";
 import { MAX_SENSOR_AGE_S, MODES, NONE, elapsedText, headingText, knots, known, positionText, put, turnSide, turnText } from "./words.js";
 
-const SILENCE_MS = 2000;   // without a message for so long, the connection counts as lost
+const SILENCE_MS = 2000;   // without a message for so long, a connection counts as lost
+const CLOSED_MS = 500;     // and so long after the last message when it has been closed
 const LATE_S = 2;          // data that come so late do too
 const RETRY_MS = 1000;
 const CHART_MS = 500;
@@ -36,7 +37,11 @@ function connect() {
   const scheme = location.protocol === "https:" ? "wss:" : "ws:";
   const own = new WebSocket(`${scheme}//${location.host}/api/stream`);
   socket = own;
-  own.onmessage = (event) => { if (own === socket) take(JSON.parse(event.data)); };
+  own.onmessage = (event) => {
+    if (own !== socket) return;
+    own.heard = true;
+    take(JSON.parse(event.data));
+  };
   own.onclose = () => {
     if (own !== socket) return;
     socket = null;
@@ -97,7 +102,7 @@ function note(next) {
 
 // ---- what is shown ----
 
-const isLost = () => performance.now() - heardAt > SILENCE_MS || lateS > LATE_S;
+const isLost = () => performance.now() - heardAt > (socket?.heard ? SILENCE_MS : CLOSED_MS) || lateS > LATE_S;
 
 function show() {
   const lost = isLost();
@@ -285,7 +290,9 @@ async function login(token) {
   $("token").value = "";
   $("login").close();
   await askAccess();
-  if (socket) socket.close(); else connect();
+  const before = socket;
+  connect();
+  before?.close();
 }
 
 $("login-form").addEventListener("submit", (event) => { event.preventDefault(); login($("token").value); });

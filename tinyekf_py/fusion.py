@@ -9,19 +9,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any
 
 from acquisition.recording import Event
 from acquisition.sample import COMPASS, IMU, MAX_GPS, SAMPLE_SIZE, SOURCES, Sample
 from tinyekf_py._core import ffi, lib
 from tinyekf_py.config import PAPER_Q, PAPER_R, CompassConfig, Config, ImuConfig
 from tinyekf_py.estimate import Estimate
-from tinyekf_py.estimate_array import estimates_to_array
 from tinyekf_py.fusion_config import AdaptiveConfig
 from tinyekf_py.variation import VariationError, variation_deg
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 METHODS = {
     "cnw-ekf": lib.FUSION_CNW_EKF,
@@ -156,10 +156,12 @@ class HeadingFusion:
         return [self._estimate_of(row) for chunk, n in self._run(records) for row in chunk[0:n]]
 
     def run(self, samples: NDArray[np.void] | bytes) -> NDArray[np.void]:
-        """Take many samples (packed, or an array of `sample_dtype`); their grid rows as an array.
+        """Take many samples (packed, or an array of `sample_array.sample_dtype`); their grid rows as an array.
 
         Its columns are those of the heading CSV (`estimate_array.estimate_dtype`).
         """
+        from tinyekf_py.estimate_array import estimates_to_array  # NumPy is dear to start, and the live run needs none
+
         records = samples if isinstance(samples, bytes) else samples.tobytes()
         return estimates_to_array(self.feed_records(records), self.n_gps)
 
@@ -357,19 +359,3 @@ def rotation(mount_deg: Sequence[float]) -> list[list[float]]:
         [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
         [-sp, cp * sr, cp * cr],
     ]
-
-
-#: A sample record as a NumPy row: fields of all three kinds lie over each other, `source` says which are meant.
-sample_dtype = np.dtype(
-    {
-        "names": [
-            *("t_us", "source", "code"),
-            *("utc_s", "lat_deg", "lon_deg", "altitude_m", "speed_mps", "course_deg", "hdop", "gps_variation_deg"),
-            *("satellites", "heading_deg", "deviation_deg", "variation_deg", "pitch_deg", "roll_deg"),
-            *("attitude_deg", "gyro_dps", "accel_g", "mag_ut"),
-        ],
-        "formats": ["i8", "i4", "i4", *["f8"] * 8, "i4", *["f8"] * 5, *["3f8"] * 4],
-        "offsets": [0, 8, 12, *range(16, 80, 8), 80, *range(16, 56, 8), 16, 40, 64, 88],
-        "itemsize": SAMPLE_SIZE,
-    }
-)

@@ -12,13 +12,14 @@ from functools import partial
 from itertools import chain, islice
 from math import isfinite
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from acquisition.background_file import BackgroundFile
 from tinyekf_py.estimate import MIN_GPS_COLUMNS, MODES, POSITION_MODES, Estimate, heading_columns
-from tinyekf_py.estimate_array import estimate_dtype
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 _BATCH = 1000
 
@@ -126,6 +127,10 @@ def read_heading_csv(path: str | Path) -> NDArray[np.void]:
     Empty fields are NaN. A last row that a power cut left without its line end is dropped; any other damage is a
     HeadingCsvError naming the line.
     """
+    import numpy as np  # for analysis alone: what writes a heading CSV needs none
+
+    from tinyekf_py.estimate_array import estimate_dtype
+
     try:
         text = Path(path).read_text("utf-8")
     except OSError as error:

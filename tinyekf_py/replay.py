@@ -10,18 +10,19 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from acquisition.decoder import Decoder, make_decoder
 from acquisition.recording import Event, Line, RecordingReader, read_recording
 from acquisition.sample import SOURCES
 from tinyekf_py.config import Config, apply_flat
 from tinyekf_py.estimate import Estimate
-from tinyekf_py.estimate_array import estimates_to_array
 from tinyekf_py.fusion import STAGES, HeadingFusion, fusion_of
 from tinyekf_py.tasks import Tasks, task_names
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 _BATCH = 2000  # samples fed at a time
 
@@ -34,6 +35,8 @@ def replay(
     `config` replaces the recording's own; `method` replaces that of either. RecordingError or ConfigError say in one
     line what is wrong with either.
     """
+    from tinyekf_py.estimate_array import estimates_to_array  # NumPy is dear to start; a replay to a file needs none
+
     run = Replay(read_recording(path), method=method, config=config)
     return estimates_to_array((row for rows in run for row in rows), run.fusion.n_gps)
 

@@ -16,8 +16,9 @@ from acquisition.simulator.scenarios import scenario_named, settled
 from acquisition.simulator.vessel import STEP_S
 from acquisition.simulator.voyage import Voyage, antennas_m
 from tinyekf_py.config import Config
-from tinyekf_py.fusion import HeadingFusion, sample_dtype
+from tinyekf_py.fusion import HeadingFusion
 from tinyekf_py.fusion_config import AdaptiveConfig
+from tinyekf_py.sample_array import sample_dtype
 
 
 class Sailed(NamedTuple):

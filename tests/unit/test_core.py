@@ -21,7 +21,7 @@ from tinyekf_py import (
     forward_azimuth,
 )
 from tinyekf_py._core import ffi, lib
-from tinyekf_py.fusion import sample_dtype
+from tinyekf_py.sample_array import sample_dtype
 
 bearings = st.floats(0, 360, exclude_max=True)
 

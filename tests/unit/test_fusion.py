@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
 from collections.abc import Iterator
 
 import pytest
@@ -327,3 +329,8 @@ def test_a_lost_source_is_missing_at_once_until_it_speaks_again() -> None:
     assert (at_once.mode, at_once.weights[1]) == ("degraded", 0.0)
     assert {row.mode for row in rows_of(fusion, boat(2, gps=(0, 2), start_s=5))} == {"degraded"}
     assert rows_of(fusion, boat(2, start_s=7))[-1].mode == "ok"
+
+
+def test_the_live_program_and_a_replay_to_a_file_need_no_numpy() -> None:
+    code = "import sys; import tinyekf_py.run; sys.exit('numpy' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -17,8 +17,9 @@ from acquisition.sample import COMPASS, IMU, MAX_GPS, REFERENCE_TRUE, SOURCES
 from tinyekf_py.config import CompassConfig, Config, ImuConfig
 from tinyekf_py.deviation import deviation_deg
 from tinyekf_py.evaluate.truth import Floats
-from tinyekf_py.fusion import rotation, sample_dtype
+from tinyekf_py.fusion import rotation
 from tinyekf_py.replay import Replay
+from tinyekf_py.sample_array import sample_dtype
 from tinyekf_py.variation import VariationError, variation_deg
 
 ROW_S = 0.1
@@ -33,7 +34,7 @@ class Decoded:
 
     @cached_property
     def samples(self) -> NDArray[np.void]:
-        """All samples in order, but those of sources that were stopped: an array of `fusion.sample_dtype`."""
+        """All samples in order, but those of sources that were stopped: an array of `sample_array.sample_dtype`."""
         stopped: set[int] = set()
         chunks = []
         for part in self.parts:

@@ -30,6 +30,7 @@ MODULES = {
     "web": "tinyekf_py.outputs.web.server",
 }
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
+NICENESS = 5
 _PR_SET_PDEATHSIG = 1
 
 Serve = Callable[[Feed, Mapping[str, Any]], Awaitable[None]]
@@ -81,8 +82,15 @@ def end_with_parent(parent_pid: int) -> None:
         sys.exit(0)
 
 
+def give_way() -> None:
+    """Let the fusion and its workers have the processor first, also where they are run in real time."""
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    os.nice(NICENESS)
+
+
 def main(arguments: Sequence[str]) -> int:
     """Run the process; the exit status."""
+    give_way()
     fd, settings = int(arguments[0]), json.loads(arguments[1])
     end_with_parent(settings["parent_pid"])
     link = socket.socket(fileno=fd)

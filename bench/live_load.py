@@ -23,7 +23,7 @@ from pathlib import Path
 
 import aiohttp
 
-WARM_UP_S = 5.0
+WARM_UP_S = 10.0
 
 
 def family(pid: int) -> list[int]:
@@ -67,8 +67,13 @@ def free_port() -> int:
 
 
 def read_stream(port: int) -> None:
-    """What a page does: open the stream of states and read on."""
-    asyncio.run(_read_stream(port))
+    """What a page does: open the stream of states, as soon as it is served, and read on."""
+    while True:
+        try:
+            asyncio.run(_read_stream(port))
+            return
+        except aiohttp.ClientConnectorError:
+            time.sleep(0.5)
 
 
 async def _read_stream(port: int) -> None:
@@ -91,9 +96,9 @@ def measure(seconds: float, title: str, *, screen: bool = False, web: bool = Fal
         out = theirs if screen else subprocess.DEVNULL
         environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "100", "LINES": "30"}
         process = subprocess.Popen(command, stdout=out, stderr=subprocess.DEVNULL, env=environment)
-        time.sleep(WARM_UP_S)
         if web:
             threading.Thread(target=read_stream, args=(port,), daemon=True).start()
+        time.sleep(WARM_UP_S)
         pids = family(process.pid)
         before, began = {pid: cpu_s(pid) for pid in pids}, time.monotonic()
         time.sleep(seconds)

@@ -1,6 +1,7 @@
 """From the last byte of a line at a sensor's pty to the estimate that knows it, and to the row at the output.
 
     python bench/live/latency.py --seconds 120
+    python bench/live/latency.py --seconds 120 --clients 10    # as many pages and chart plotters watch meanwhile
 
 A child process sails five simulated devices at full rates on ptys, noting the time before each line is written. The
 live program runs here, with its workers, recording and heading CSV, and notes the time when it has dealt with a line:
@@ -16,9 +17,12 @@ live program runs here, with its workers, recording and heading CSV, and notes t
 from __future__ import annotations
 
 import argparse
+import asyncio
+import contextlib
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -27,6 +31,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import aiohttp
 import numpy as np
 
 from acquisition.message import LINE, Message
@@ -42,6 +47,11 @@ from tinyekf_py.estimate import Estimate
 from tinyekf_py.live import LiveRun
 
 WARM_UP = 50  # of each kind, not counted
+PORTS = {"web": 28431, "nmea_tcp": 28432}
+HANDSHAKE = (
+    "GET /api/stream HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+    "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+)
 ALIGNED = 30  # lines that must agree to know which line sent is the first received
 
 
@@ -62,6 +72,66 @@ def sail(log: Path) -> None:
             ptys[name].send([line])
             sent.append((name, began_ns, line.decode("latin-1")))
     log.write_text(json.dumps(sent))
+
+
+async def watch(web: int, nmea: int, clients: int) -> None:
+    """Another child: read the page's stream and NMEA 0183 by TCP, each over `clients` connections; one of each more
+    never reads. Prints how often each heard the heading, and the output process' load, when standard input ends."""
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # they stand for other machines: not to be in our way
+    heard = [0] * (2 * clients)
+
+    async def page(number: int, session: aiohttp.ClientSession) -> None:
+        async with session.ws_connect(f"http://127.0.0.1:{web}/api/stream") as stream:
+            async for message in stream:
+                heard[number] += message.data.startswith('{"state":')
+
+    async def plotter(number: int) -> None:
+        reader, _ = await asyncio.open_connection("127.0.0.1", nmea)
+        while line := await reader.readline():
+            heard[number] += line[3:6] == b"HDT"
+
+    for port in (web, nmea):
+        await listening(port)
+    never_read = [socket.create_connection(("127.0.0.1", port)) for port in (web, nmea)]
+    never_read[0].sendall(HANDSHAKE.format(port=web).encode())
+    async with aiohttp.ClientSession() as session:
+        tasks = [asyncio.create_task(page(number, session)) for number in range(clients)]
+        tasks += [asyncio.create_task(plotter(clients + number)) for number in range(clients)]
+        tasks.append(asyncio.create_task(output_load(load := [])))
+        await asyncio.to_thread(sys.stdin.read)
+        print(json.dumps({"heard": heard, "load": load}), flush=True)
+        for task in tasks:
+            task.cancel()
+
+
+async def output_load(load: list[tuple[float, float, float]]) -> None:
+    """Note every second: monotonic time, CPU seconds and PSS in MB of our parent's output process."""
+    pid = 0
+    for entry in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # it has ended
+            ours = int(stat_of(int(entry.name))[1]) == os.getppid()
+            if ours and b"outputs.process" in (entry / "cmdline").read_bytes():
+                pid = int(entry.name)
+    while True:
+        pss_kb = next(line for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines() if line[:4] == "Pss:")
+        cpu_s = (int(stat_of(pid)[11]) + int(stat_of(pid)[12])) / os.sysconf("SC_CLK_TCK")
+        load.append((time.monotonic(), cpu_s, int(pss_kb.split()[1]) / 1024))
+        await asyncio.sleep(1.0)
+
+
+def stat_of(pid: int) -> list[str]:
+    """Fields of /proc/PID/stat from the third, the state, on."""
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+
+
+async def listening(port: int) -> None:
+    """Wait until something listens at a port."""
+    while True:
+        try:
+            socket.create_connection(("127.0.0.1", port)).close()
+            return
+        except ConnectionRefusedError:
+            await asyncio.sleep(0.1)
 
 
 class Dealt(NamedTuple):
@@ -107,7 +177,7 @@ def noting(run: TimedRun) -> type[Supervisor]:
     return Noting
 
 
-def measure(seconds: float, folder: Path) -> dict[str, list[float]]:
+def measure(seconds: float, folder: Path, clients: int) -> dict[str, list[float]]:
     """Latencies in milliseconds, by what the module says."""
     start_us = time.monotonic_ns() // 1000
     command = [sys.executable, __file__, "--sail", str(folder / "sent.json")]
@@ -116,11 +186,23 @@ def measure(seconds: float, folder: Path) -> dict[str, list[float]]:
         ports = json.loads(child.stdout.readline())
         flat: dict[str, object] = {f"sensors.{name}.port": port for name, port in ports.items()}
         flat |= {"outputs.recording": str(folder / "r.rec"), "outputs.csv": str(folder / "r.csv")}
+        if clients:
+            flat |= {f"outputs.{name}.enabled": True for name in PORTS} | {
+                f"outputs.{name}.port": port for name, port in PORTS.items()
+            }
+            watching = [sys.executable, __file__, "--watch", *map(str, PORTS.values()), str(clients)]
+            watcher = subprocess.Popen(watching, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         run = TimedRun(apply_flat(Config(), flat, "the benchmark"), start_us)
         os.environ["XDG_RUNTIME_DIR"] = str(folder)
         vars(live)["Supervisor"] = noting(run)
         run.run(seconds)
         child.terminate()
+        if clients:
+            watched = json.loads(watcher.communicate()[0])
+            heard, ((began_s, before_s, _), *_, (ended_s, after_s, pss_mb)) = watched["heard"], watched["load"]
+            share = 100 * (after_s - before_s) / (ended_s - began_s)
+            print(f"{len(heard)} clients heard the heading {min(heard)} to {max(heard)} times in {seconds:.0f} s")
+            print(f"the output process took {share:.2f} % of a core, {pss_mb:.1f} MB PSS")
     sent: dict[str, list[tuple[int, str]]] = {name: [] for name in LINK_NAMES}
     for name, began_ns, line in json.loads((folder / "sent.json").read_text()):
         sent[name].append((began_ns, line))
@@ -148,12 +230,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=120.0)
     parser.add_argument("--sail", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--clients", type=int, default=0, help="pages, and as many chart plotters")
+    parser.add_argument("--watch", type=int, nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.sail:
         sail(options.sail)
         return 0
+    if options.watch:
+        asyncio.run(watch(*options.watch))
+        return 0
     with tempfile.TemporaryDirectory() as folder:
-        latencies = measure(options.seconds, Path(folder))
+        latencies = measure(options.seconds, Path(folder), options.clients)
     for what, ms in latencies.items():
         settled = ms[WARM_UP:]
         p50, p99, p999 = np.percentile(settled, [50, 99, 99.9])

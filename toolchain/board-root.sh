@@ -41,7 +41,7 @@ if [ -z "${BOARD_NAMESPACE:-}" ]; then
     BOARD_NAMESPACE=made exec unshare --mount --propagation private "$toolchain/board-root.sh" "$arch"
 fi
 work=$(mktemp -d "$build/board-root.XXXXXX")
-trap 'umount "$work/memory" 2>/dev/null; rm -rf --one-file-system "$work"' EXIT
+trap 'umount -l "$work/memory" 2>/dev/null || true; rm -rf --one-file-system "$work"' EXIT
 mkdir "$work/memory"
 quietly "mounting memory" mount -t tmpfs -o mode=755 board-root "$work/memory"
 mirror=${BOARD_MIRROR:-$(host_mirror)}

@@ -56,7 +56,7 @@ ip link set lo up
 hostname board
 work=$(mktemp -d)
 board=$work/board
-trap 'umount -R "$board" "$work/memory" 2>/dev/null; rm -rf --one-file-system "$work"' EXIT
+trap '{ umount -R -l "$board"; umount -l "$work/memory"; } 2>/dev/null || true; rm -rf --one-file-system "$work"' EXIT
 mkdir "$board" "$work/memory"
 mount -t tmpfs -o mode=755 board "$work/memory"
 mkdir "$work/memory/upper" "$work/memory/work"

@@ -7,17 +7,16 @@
 # board is run. The wheel for this machine is built too, and installed into the build folder's own venv: the Python
 # part of the board's wheel is taken from it, and replays are compared with it.
 #
-#   --float   the C core in single precision (EKF_REAL=float); the wheel goes to dist-float
+#   --float   the C core in single precision (TINYEKF_REAL=float); the wheel goes to dist-float
 #
 # Result: build/board/dist/tinyekf_py-VERSION-cp311-abi3-linux_{armv7l,aarch64}.whl
 source "$(dirname "$0")/step.sh"
 
 choice=armhf dist=dist
-defines=()
 for option in "$@"; do
     case $option in
     --help | -h) help ;;
-    --float) defines=(-DEKF_REAL=float) dist=dist-float ;;
+    --float) export TINYEKF_REAL=float dist=dist-float ;;
     -*) misused "no option '$option'" ;;
     *) choice=$option ;;
     esac
@@ -74,13 +73,13 @@ tar c --exclude='__pycache__' --exclude='*.so' --exclude='_core.c' --exclude='*.
 export SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct 2>/dev/null || date +%s)}
 cd "$work/source"
 say "building this machine's wheel"
-quietly "building the wheel" env "CFLAGS=${defines[*]}" "$venv/bin/python" -m pip wheel -q --no-build-isolation \
+quietly "building the wheel" "$venv/bin/python" -m pip wheel -q --no-build-isolation \
     --no-deps --wheel-dir "$work/host" .
 
 say "compiling the core for $arch"
 CC=$triplet-gcc quietly "writing the extension's C" run_python "$toolchain/emit_core.py" "$work/source/_core.c" "$work/flags"
 mapfile -t flags <"$work/flags"
-quietly "compiling the core" "$triplet-gcc" "--sysroot=$sysroot" "${cpu_flags[@]}" "${flags[@]}" "${defines[@]}" \
+quietly "compiling the core" "$triplet-gcc" "--sysroot=$sysroot" "${cpu_flags[@]}" "${flags[@]}" \
     -fPIC -shared -s -Wl,-z,relro,-z,now -Icsrc "-I$sysroot/usr/include/python3.11" "-I$sysroot/usr/include" \
     csrc/*.c _core.c -lm -o _core.abi3.so
 

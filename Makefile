@@ -28,7 +28,7 @@ board:  ## the packages for armhf and arm64, tried on emulated boards; as root
 install: $(VENV)/install
 
 # What to run takes little; what to test takes all extras. The core is rebuilt whenever something in it has changed.
-$(VENV)/run: EXTRAS := console,geomag
+$(VENV)/run: EXTRAS := console,geomag,web
 $(VENV)/install: EXTRAS := test,all
 $(VENV)/run $(VENV)/install: pyproject.toml setup.py tinyekf_py/_core_build.py $(wildcard csrc/*)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import ctypes
+import errno
 import importlib
 import json
 import logging
@@ -64,7 +65,9 @@ async def _keep(name: str, feed: Feed, settings: Mapping[str, Any]) -> None:
         except ImportError as error:
             _log.error("outputs.%s: %s is not installed; install the extra [%s]", name, error.name, name)
             return
-        except (OSError, OutputError) as error:
+        except OSError as error:
+            _log.warning("outputs.%s: %s; tried again in %.0f s", name, _reason(error, settings), pause_s)
+        except OutputError as error:
             _log.warning("outputs.%s: %s", name, error)
         except Exception:
             # The outermost frame of this output: its fault must not take the others along.
@@ -73,6 +76,16 @@ async def _keep(name: str, feed: Feed, settings: Mapping[str, Any]) -> None:
             pause_s = FIRST_PAUSE_S
         await asyncio.sleep(pause_s)
         pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
+
+
+def _reason(error: OSError, settings: Mapping[str, Any]) -> str:
+    """What the system says, with the address or the line it is about, and for the usual causes what to do."""
+    place = f"port {settings.get('port')}" + (f" of {settings['host']}" if "host" in settings else "")
+    if error.errno == errno.EADDRINUSE:
+        return f"{place} is used by another program; choose another port"
+    if error.errno == errno.EACCES and "host" in settings:
+        return f"{place} is not allowed to this user; choose one above 1023"
+    return f"{place}: {os.strerror(error.errno) if error.errno and error.errno > 0 else error.strerror or error}"
 
 
 def end_with_parent(parent_pid: int) -> None:

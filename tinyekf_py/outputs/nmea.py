@@ -116,15 +116,26 @@ def _xdr(report: Report) -> Sequence[str]:
     return fields
 
 
+def _position_mode(report: Report) -> str:
+    """What the position rests on, as RMC's mode: A or D (GPS), E (dead reckoning), S (simulated), N (none)."""
+    if not _has_position(report):
+        return "N"
+    if report.simulated:
+        return "S"
+    if report.estimate.pos_mode != "gps":
+        return "E"
+    return "D" if report.navigation.fix_quality >= 2 else "A"
+
+
+#: RMC's mode -> GGA's quality.
+_QUALITIES = {"A": "1", "D": "2", "E": "6", "S": "8", "N": "0"}
+
+
 def _gga(report: Report) -> Sequence[str]:
     """Position, what it rests on, and height: quality 1 or 2 (GPS), 6 (dead reckoning), 8 (simulated), 0 (none)."""
     navigation = report.navigation
     clock, _ = _utc(navigation.utc_s)
-    quality = "0"
-    if _has_position(report):
-        quality = "8" if report.simulated else "6" if report.estimate.pos_mode != "gps" else "1"
-        if quality == "1" and navigation.fix_quality >= 2:
-            quality = "2"
+    quality = _QUALITIES[_position_mode(report)]
     satellites = f"{min(navigation.satellites, 99):02d}" if navigation.satellites >= 0 else ""
     altitude = _number(navigation.altitude_m, 1)
     return (
@@ -138,11 +149,7 @@ def _rmc(report: Report) -> Sequence[str]:
     """Position, speed and course over ground, date. Its status is A only for a real fix."""
     navigation = report.navigation
     clock, date = _utc(navigation.utc_s)
-    mode = "N"
-    if _has_position(report):
-        mode = "S" if report.simulated else "E" if report.estimate.pos_mode != "gps" else "A"
-        if mode == "A" and navigation.fix_quality >= 2:
-            mode = "D"
+    mode = _position_mode(report)
     speed = _number(navigation.sog_mps / _KNOT_MPS, 1) if 0.0 <= navigation.sog_mps < 500.0 else ""
     return (
         *(clock, "A" if mode in ("A", "D") else "V", *_position(report)),

@@ -15,15 +15,7 @@ packages=(
 # What these bring, as a program imports it.
 modules='_cffi_backend, aiohttp.web, hypothesis, numpy, pynmea2, pytest, pyudev, rich.live, rich.table, serial'
 
-choice=armhf
-for option in "$@"; do
-    case $option in
-    --help | -h) help ;;
-    -*) misused "no option '$option'" ;;
-    *) choice=$option ;;
-    esac
-done
-choose_arch "$choice"
+only_arch "$@"
 root=$build/root-$arch
 list=usr/share/board-packages
 

@@ -9,15 +9,7 @@
 # Result: build/board/dist/tinyekf_VERSION_{armhf,arm64}.deb and python3-pygeomag_VERSION_all.deb
 source "$(dirname "$0")/step.sh"
 
-choice=armhf
-for option in "$@"; do
-    case $option in
-    --help | -h) help ;;
-    -*) misused "no option '$option'" ;;
-    *) choice=$option ;;
-    esac
-done
-choose_arch "$choice"
+only_arch "$@"
 need dpkg-buildpackage dh dh_python3 lintian fakeroot
 need_mb 300
 "$toolchain/cross-build.sh" "$arch"

@@ -95,3 +95,16 @@ need_binfmt() {
     [ -e "/proc/sys/fs/binfmt_misc/$name" ] ||
         refuse "the kernel does not start programs of $arch; toolchain/setup-host.sh registers $name"
 }
+
+# only_arch [ARCH]: the command line of a step that takes nothing but a board's architecture, armhf unless told otherwise.
+only_arch() {
+    local choice=armhf option
+    for option in "$@"; do
+        case $option in
+        --help | -h) help ;;
+        -*) misused "no option '$option'" ;;
+        *) choice=$option ;;
+        esac
+    done
+    choose_arch "$choice"
+}

@@ -22,6 +22,7 @@ import time
 from collections import Counter
 from typing import NamedTuple
 
+from acquisition.child_process import end_with_parent
 from acquisition.decoder import Decoder, make_decoder
 from acquisition.message import COUNTS, ERROR, HELLO, LINE, LOG, PORT, pack_line, pack_text
 from acquisition.outbox import Outbox
@@ -33,7 +34,6 @@ LOG_PERIOD_US = 10 * SECOND_US  # a noisy device gets one line of log in this ti
 FLOOD_BYTES_S = 32_768  # no device of ours sends more; one set to a higher baud rate may use twice its rate
 FLOOD_REST_US = 100_000  # a device that sends more is not listened to for this long
 FLOOD_DRAIN_BYTES = 65_536  # what a kernel keeps of a port that nobody reads
-_PR_SET_PDEATHSIG = 1
 
 
 class WorkerSettings(NamedTuple):
@@ -230,15 +230,6 @@ class Worker:
 _NO_DROPS = frozenset({"lines", "samples", "bytes", "wakeups", "opens", "down_ms"})
 
 
-def _end_with_parent(parent_pid: int) -> None:
-    """Be killed when the parent dies, even while stopped or stuck in a device driver."""
-    import ctypes
-
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent_pid:  # it died before the request
-        sys.exit(0)
-
-
 def _report_failure(out_fd: int, start_us: int) -> None:
     """Tell the parent why this process ends, in the second that it may take."""
     import traceback
@@ -258,7 +249,7 @@ def main(arguments: list[str]) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to judge
     out_fd, control_fd = int(arguments[0]), int(arguments[1])
     settings = WorkerSettings(**json.loads(arguments[2]))
-    _end_with_parent(settings.parent_pid)
+    end_with_parent(settings.parent_pid)
     try:
         Worker(settings, out_fd, control_fd).run()
     except BrokenPipeError:

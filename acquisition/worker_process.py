@@ -7,14 +7,11 @@ import fcntl
 import json
 import os
 import subprocess
-import sys
 import time
-from pathlib import Path
 
+from acquisition.child_process import start_module
 from acquisition.device import DeviceSettings
 from acquisition.message import MAX_MESSAGE, Message, MessageParser
-
-_PACKAGE_PARENT = str(Path(__file__).resolve().parent.parent)
 
 
 class WorkerProcess:
@@ -103,14 +100,5 @@ class WorkerProcess:
             "start_us": start_us,
             "parent_pid": os.getpid(),
         }
-        # -P and PYTHONPATH: the same package as here, wherever the program was started.
-        paths = [_PACKAGE_PARENT, *filter(None, [os.environ.get("PYTHONPATH")])]
         arguments = [str(out_fd), str(control_fd), json.dumps(worker_settings)]
-        return subprocess.Popen(
-            [sys.executable, "-P", "-m", "acquisition.worker", *arguments],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            pass_fds=(out_fd, control_fd),
-            process_group=0,  # Ctrl-C at the terminal is for the parent alone
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
-        )
+        return start_module("acquisition.worker", arguments, (out_fd, control_fd))

@@ -26,7 +26,8 @@ from typing import Any
 
 from soak_real import open_files, rss_kb
 
-from acquisition import supervisor, worker
+from acquisition import supervisor
+from acquisition.child_process import end_with_parent
 from acquisition.device import DeviceSettings, DeviceState
 from acquisition.message import LINE, OPEN, Message
 from acquisition.port_watch import NEVER_US
@@ -99,7 +100,7 @@ class SimulatedWorker(Worker):
 
 def work(out_fd: int, control_fd: int, settings: WorkerSettings) -> None:
     """The child."""
-    worker._end_with_parent(settings.parent_pid)
+    end_with_parent(settings.parent_pid)
     recording, cycles = os.environ["SOAK_RECORDING"], int(os.environ["SOAK_CYCLES"])
     bursts: list[Burst] = []
     for entry in read_recording(recording):

@@ -9,14 +9,13 @@ import os
 import queue
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from acquisition.child_process import start_module
 from tinyekf_py import control_socket
 from tinyekf_py.outputs.frame import MAX_PACKET, Answer, Frame, LogLine, Request, decode, encode
 from tinyekf_py.view_state import ViewState
@@ -25,7 +24,6 @@ FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 10.0
 ANSWER_PATIENCE_S = 5.0
 END_PATIENCE_S = 1.0
 _SEND_BUFFER = 1 << 17  # bytes: some frames and an answer
-_PACKAGE_PARENT = str(Path(__file__).resolve().parent.parent.parent)
 
 _log = logging.getLogger(__name__)
 
@@ -96,15 +94,8 @@ class OutputProcess:
             try:
                 ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
                 settings = json.dumps({"outputs": self._outputs, "parent_pid": os.getpid()})
-                # -P and PYTHONPATH: the same package as here, wherever the program was started.
-                paths = [_PACKAGE_PARENT, *filter(None, [os.environ.get("PYTHONPATH")])]
-                process = subprocess.Popen(
-                    [sys.executable, "-P", "-m", "tinyekf_py.outputs.process", str(theirs.fileno()), settings],
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    pass_fds=(theirs.fileno(),),
-                    process_group=0,  # Ctrl-C at the terminal is for the parent alone
-                    env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+                process = start_module(
+                    "tinyekf_py.outputs.process", (str(theirs.fileno()), settings), (theirs.fileno(),)
                 )
             except OSError:
                 ours.close()

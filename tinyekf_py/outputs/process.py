@@ -8,18 +8,17 @@ port taken by another program, a serial line that vanished) is tried again, whil
 from __future__ import annotations
 
 import asyncio
-import ctypes
 import errno
 import importlib
 import json
 import logging
 import os
-import signal
 import socket
 import sys
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any
 
+from acquisition.child_process import end_with_parent
 from tinyekf_py.outputs.feed import Feed, LinkLog
 
 #: Output -> the module whose `serve(feed, settings)` it is; only what is switched on is imported.
@@ -32,7 +31,6 @@ MODULES = {
 }
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
 NICENESS = 5
-_PR_SET_PDEATHSIG = 1
 
 Serve = Callable[[Feed, Mapping[str, Any]], Awaitable[None]]
 
@@ -86,13 +84,6 @@ def _reason(error: OSError, settings: Mapping[str, Any]) -> str:
     if error.errno == errno.EACCES and "host" in settings:
         return f"{place} is not allowed to this user; choose one above 1023"
     return f"{place}: {os.strerror(error.errno) if error.errno and error.errno > 0 else error.strerror or error}"
-
-
-def end_with_parent(parent_pid: int) -> None:
-    """Have the system end this process when its parent ends, however that comes about."""
-    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent_pid:  # it ended before we asked
-        sys.exit(0)
 
 
 def give_way() -> None:

@@ -39,6 +39,8 @@ from tinyekf_py.view_state import TaskRow, ViewState, current_estimate, position
 WAIT_S = 0.25  # longest wait for messages: how soon a stop is noticed when no device speaks
 VIEW_PERIOD_S = 0.25
 FRAME_PERIOD_S = 0.5  # longest time between two frames to the outputs when there is nothing new
+PAUSE_S = 0.003  # sensors speak in bursts: a new estimate goes to the outputs in the first pause of this length,
+PATIENCE_S = 0.03  # or so long after it was made
 _NOTICES = 5
 
 _log = logging.getLogger(__name__)
@@ -57,7 +59,7 @@ class LiveRun:
         self._ending = False
         self._newest: Estimate | None = None
         self._newest_at = 0.0
-        self._fresh = False  # an estimate that the outputs have not been given
+        self._waits_since = math.inf  # when an estimate was made that the outputs have not been given
         self._instruments = Instruments(self._fusion)
         self._notices: deque[str] = deque(maxlen=_NOTICES)
         self._tasks = Tasks(task_names(config.sources, self._fusion.n_gps), config.tasks.stopped)
@@ -117,7 +119,9 @@ class LiveRun:
         end = float("inf") if duration_s is None else self._start_us / 1e6 + duration_s
         next_view = next_frame = 0.0
         while not self._ending and (now := time.monotonic()) < end:
-            for name, message in supervisor.poll(min(WAIT_S, end - now)):
+            new = self._outputs is not None and self._waits_since < math.inf
+            messages = supervisor.poll(min(PAUSE_S if new else WAIT_S, end - now))
+            for name, message in messages:
                 if message.kind == LINE:
                     if recording is not None:
                         recording.line(message.t_us, name, message.line)
@@ -131,8 +135,9 @@ class LiveRun:
                 request = self._requests.get()
                 request.answer.put(self._answer(request.words, supervisor))
             self._notifier.turned(now, self._newest.mode if self._newest is not None else "waiting for sensors")
-            if self._outputs is not None and (self._fresh or now >= next_frame):
-                self._fresh, next_frame = False, now + FRAME_PERIOD_S
+            paused = new and not messages
+            if self._outputs is not None and (paused or now >= min(next_frame, self._waits_since + PATIENCE_S)):
+                self._waits_since, next_frame = math.inf, now + FRAME_PERIOD_S
                 self._outputs.offer(self._view_state(supervisor.states))
             if view is not None and now >= next_view:
                 next_view = now + VIEW_PERIOD_S
@@ -176,7 +181,7 @@ class LiveRun:
         if rows:
             self._newest = rows[-1]
             self._newest_at = time.monotonic()
-            self._fresh = True
+            self._waits_since = min(self._waits_since, self._newest_at)
             if self._csv is not None:
                 for row in rows:
                     self._csv.row(row)

@@ -77,7 +77,7 @@ def sail(log: Path) -> None:
 async def watch(web: int, nmea: int, clients: int) -> None:
     """Another child: read the page's stream and NMEA 0183 by TCP, each over `clients` connections; one of each more
     never reads. Prints how often each heard the heading, and the output process' load, when standard input ends."""
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # they stand for other machines: not to be in our way
+    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))  # they stand for other machines: not to be in our way
     heard = [0] * (2 * clients)
 
     async def page(number: int, session: aiohttp.ClientSession) -> None:

@@ -27,11 +27,13 @@ def test_a_cluster_gives_what_one_process_gives(scheduler: str, tmp_path_factory
     jobs.append(Job("lost", Recorded(nowhere / "lost.rec", nowhere / "lost.csv"), ("cnw3",)))
     names: list[str] = []
     there = run_jobs(jobs, cluster=scheduler, told=lambda _done, _total, name: names.append(name))
-    here = run_jobs(jobs, processes=1)
+    found: list[str] = []
+    here = run_jobs(jobs, processes=1, found=lambda evaluation: found.append(evaluation.name))
     assert sorted(names) == ["lost", "run 1", "run 2", "run 3"]
     assert [evaluation.name for evaluation in there.evaluations] == ["run 1", "run 2", "run 3"]
     for far, near in zip(there.evaluations, here.evaluations, strict=True):
         for method in ("cnw3", "compass"):
             assert far.measures[method].rmse_deg == near.measures[method].rmse_deg
+    assert found == ["run 1", "run 2", "run 3"]
     assert [failure.name for failure in there.failures] == ["lost"]
     assert "cannot read recording" in there.failures[0].reason

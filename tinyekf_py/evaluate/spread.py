@@ -15,6 +15,8 @@ from tinyekf_py.evaluate.job import Evaluation, Failure, Job, Results, evaluate
 
 #: Told after each job: how many are done, of how many, and the name of the last.
 Told = Callable[[int, int, str], None]
+#: Given each evaluation as soon as it is there, in any order.
+Found = Callable[[Evaluation], None]
 
 _CONNECT_S = 4.0
 
@@ -24,7 +26,12 @@ class ClusterError(ValueError):
 
 
 def run_jobs(
-    jobs: Sequence[Job], *, processes: int | None = None, cluster: str = "", told: Told = lambda *_: None
+    jobs: Sequence[Job],
+    *,
+    processes: int | None = None,
+    cluster: str = "",
+    told: Told = lambda *_: None,
+    found: Found = lambda _: None,
 ) -> Results:
     """Do all `jobs`, `processes` at a time (default: one for each processor), or on the scheduler at `cluster`.
 
@@ -40,6 +47,8 @@ def run_jobs(
     by_number: dict[int, Evaluation | Failure] = {}
     for number, result in done:
         by_number[number] = result
+        if isinstance(result, Evaluation):
+            found(result)
         told(len(by_number), len(jobs), jobs[number].name)
     results = Results()
     for number in range(len(jobs)):

@@ -6,8 +6,9 @@ second, so that a power cut costs no more than that. The order of `put` is the o
 
 Nothing of this ever raises into fusion: when writing fails (disk full, card gone), one line is logged, `failure`
 says why, and what comes later is counted in `lost`, until the disk has room again: then writing goes on behind the
-last whole entry, and a second line says so. A file may be cut into pieces by size or age, the oldest removed; while a
-further piece cannot be begun, writing goes on in the one that there is.
+last whole entry, and a second line says so. Only `close` raises, when that did not happen before the end. A file may
+be cut into pieces by size or age, the oldest removed; while a further piece cannot be begun, writing goes on in the one
+that there is.
 """
 
 from __future__ import annotations
@@ -50,10 +51,14 @@ class Rotation:
 ONE_PIECE = Rotation()
 
 
+class UnfinishedFileError(OSError):
+    """A file that lacks its end: one line saying which, how much is missing and why."""
+
+
 class BackgroundFile(Generic[Entry]):
     """`path`, created anew with `header`, to which `render(entries)` is appended by a thread.
 
-    The constructor raises OSError when the file cannot be created; nothing after it raises.
+    The constructor raises OSError when the file cannot be created, `close` when it lacks its end; nothing else raises.
     """
 
     def __init__(
@@ -126,7 +131,7 @@ class BackgroundFile(Generic[Entry]):
             self._written.wait_for(lambda: self._done_count >= goal or bool(self.failure), timeout_s)
 
     def close(self, timeout_s: float = CLOSE_TIMEOUT_S) -> None:
-        """Write what is left and close the file; harmless when repeated."""
+        """Write what is left and close the file; harmless when repeated. UnfinishedFileError when it lacks its end."""
         if self._closing:
             return
         self._closing = True
@@ -134,6 +139,9 @@ class BackgroundFile(Generic[Entry]):
         self._thread.join(timeout_s)
         if self._thread.is_alive():
             self._fail(f"the disk did not take the last entries within {timeout_s:g} s")
+        if self.failure:
+            missing = self.lost + self._put_count - self._done_count
+            raise UnfinishedFileError(f"{self.path}: {missing} lines are missing, to the end: {self.failure}")
 
     def _run(self) -> None:
         while True:
@@ -144,7 +152,8 @@ class BackgroundFile(Generic[Entry]):
             del self._waiting[: len(entries)]  # not a new list: `put` may have hold of this one
             if self.failure:
                 self._unwritten += len(entries)
-                self._try_again()
+                if not closing:  # when the end is lost, writing does not go on
+                    self._try_again()
             elif entries:
                 self._write_entries(entries)
             with self._written:

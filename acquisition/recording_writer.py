@@ -82,7 +82,7 @@ class RecordingWriter:
         self._file.flush()
 
     def close(self) -> None:
-        """Write the rest and end; harmless when repeated."""
+        """Write the rest and end; harmless when repeated. UnfinishedFileError when the recording lacks its end."""
         self._file.close()
 
 

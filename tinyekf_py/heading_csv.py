@@ -94,7 +94,7 @@ class HeadingCsvWriter:
         self._file.flush()
 
     def close(self) -> None:
-        """Write the rest and end; harmless when repeated."""
+        """Write the rest and end; harmless when repeated. UnfinishedFileError when the CSV lacks its end."""
         self._file.close()
 
 

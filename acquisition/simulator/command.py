@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import logging
 import math
 import os
 import signal
@@ -73,6 +74,7 @@ def _parser() -> _Parser:
 
 def main(argv: Sequence[str]) -> int:
     """Run the command; the exit status: 0 done, 1 the run failed, 2 the command line is wrong (one line says why)."""
+    logging.getLogger("acquisition").addHandler(logging.NullHandler())  # what fails is raised, too, and told once
     try:
         options = _parser().parse_args(argv)
         if options.list:
@@ -90,6 +92,8 @@ def main(argv: Sequence[str]) -> int:
     except (_CommandError, ScenarioError, LinkError, RecordingError) as error:
         print(f"tinyekf simulate: {error}", file=sys.stderr)
         return 2
+    except BrokenPipeError:
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - whoever read it has gone; nothing is left to flush
     except OSError as error:
         print(f"tinyekf simulate: {error}", file=sys.stderr)
         return 1
@@ -147,8 +151,6 @@ def _serve(scenario: Scenario, options: argparse.Namespace) -> int:
             links = make_links(ptys, options.links)
         _announce(scenario, options, ptys, links)
         serve(voyage, ptys, departure_us, ended, (truth_file, start_us) if truth_file else None)
-    except BrokenPipeError:
-        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - whoever wanted the paths has gone; nothing is left to flush
     finally:
         remove_links(ptys, links)
         if truth_file:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import IO
 
+from acquisition.background_file import UnfinishedFileError
 from acquisition.recording import RecordingError
 from acquisition.recording_writer import RecordingWriter
 from acquisition.simulator.scenarios import DEVICES, Scenario
@@ -42,15 +44,17 @@ def record(voyage: Voyage, recording: Path, truth: Path, duration_s: float) -> N
         truth_file = truth.open("w", encoding="ascii")
     except OSError as error:
         raise RecordingError(f"cannot write the truth to {truth}: {error.strerror}") from error
-    with truth_file:
-        writer = RecordingWriter(recording, voyage.start_utc, recording_config(voyage.scenario))
-        try:
+    config = recording_config(voyage.scenario)
+    try:
+        with truth_file, closing(RecordingWriter(recording, voyage.start_utc, config)) as writer:
             truth_file.write(TRUTH_HEADER)
             _sail(voyage, writer, truth_file, round(duration_s * 1e6) // STEP_US)
-        finally:
-            writer.close()
-    if writer.failure:
-        raise OSError(f"{recording}: {writer.failure}")
+    except UnfinishedFileError:
+        raise
+    except OSError as error:
+        raise OSError(f"cannot write the truth to {truth}: {error.strerror}") from error
+    if writer.lost:
+        raise OSError(f"{recording}: {writer.lost} lines are missing")
 
 
 def _sail(voyage: Voyage, writer: RecordingWriter, truth_file: IO[str], steps: int) -> None:
@@ -62,3 +66,5 @@ def _sail(voyage: Voyage, writer: RecordingWriter, truth_file: IO[str], steps: i
             truth_file.write(truth_row(voyage.motion.t_s, voyage.motion))
         if step % _FLUSH_STEPS == 0:
             writer.flush()  # this voyage runs ahead of any disk
+            if writer.failure:
+                return

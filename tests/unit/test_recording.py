@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acquisition.background_file import Rotation
+from acquisition.background_file import Rotation, UnfinishedFileError
 from acquisition.recording import (
     Event,
     Line,
@@ -124,7 +124,9 @@ def test_a_full_disk_stops_the_recording_with_one_line(caplog: pytest.LogCapture
         RecordingWriter("/dev/full", START, {})
 
 
-def test_a_write_that_fails_later_never_reaches_the_caller(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_write_that_fails_later_reaches_the_caller_at_the_end_alone(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     fifo = tmp_path / "r.log"
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
@@ -134,7 +136,8 @@ def test_a_write_that_fails_later_never_reaches_the_caller(tmp_path: Path, caplo
         for t_us in range(100):
             writer.line(t_us, "imu", b"*1")
             writer.flush()
-        writer.close()
+        with pytest.raises(UnfinishedFileError, match=r"r\.log: 100 lines are missing, to the end: Broken pipe"):
+            writer.close()
     assert "Broken pipe" in writer.failure
     assert len(caplog.records) == 1
     assert str(fifo) in caplog.text

@@ -6,6 +6,8 @@ import importlib
 import sys
 from difflib import get_close_matches
 
+from tinyekf_py.command_line import ended_quietly
+
 #: Command -> module with a `main(argv)`, imported when asked for, and what it does.
 COMMANDS = {
     "run": ("tinyekf_py.run", "the heading, live, simulated or replayed"),
@@ -22,13 +24,20 @@ COMMANDS = {
 
 def main() -> int:
     """Run the command that the command line names; its exit status."""
+    return ended_quietly(_command)
+
+
+def _command() -> int:
     name = sys.argv[1] if len(sys.argv) > 1 else ""
     if name in ("", "-h", "--help"):
         width = max(map(len, COMMANDS))
         print("usage: tinyekf COMMAND ...\n")
         print("\n".join(f"  {command:{width}}  {what}" for command, (_, what) in COMMANDS.items()))
-        print("\ntinyekf COMMAND --help says more.")
+        print("\ntinyekf COMMAND --help says more; tinyekf --version says which this is.")
         return 0 if name else 2
+    if name == "--version":
+        print(f"tinyekf {_version()}")
+        return 0
     if name not in COMMANDS:
         nearest = get_close_matches(name, COMMANDS, 1)
         hint = f"did you mean {nearest[0]}?" if nearest else f"there are {', '.join(COMMANDS)}"
@@ -36,6 +45,15 @@ def main() -> int:
         return 2
     status: int = importlib.import_module(COMMANDS[name][0]).main(sys.argv[2:])
     return status
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("tinyekf-py")
+    except PackageNotFoundError:
+        return "unknown: run from a folder, not installed"
 
 
 if __name__ == "__main__":

@@ -1,10 +1,13 @@
-"""What the command lines share: a parser that complains in one line, and the exit status of a complaint."""
+"""What the command lines share: a parser that complains in one line, the exit status of a complaint, a quiet end."""
 
 from __future__ import annotations
 
 import argparse
 import math
+import os
+import signal
 import sys
+from collections.abc import Callable
 from typing import NoReturn
 
 
@@ -16,10 +19,27 @@ class OneLineParser(argparse.ArgumentParser):
         sys.exit(2)
 
 
-def complain(command: str, error: Exception) -> int:
-    """Say what is wrong in one line; the exit status for it."""
+def complain(command: str, error: Exception | str, status: int = 2) -> int:
+    """Say what is wrong in one line; the exit status for it. A closed output is nothing wrong, and raised again."""
+    if isinstance(error, BrokenPipeError):
+        raise error
     print(f"tinyekf {command}: {error}", file=sys.stderr)
-    return 2
+    return status
+
+
+def ended_quietly(command: Callable[[], int]) -> int:
+    """The exit status of `command`; Ctrl-C ends it without a word, and so does whoever closes its output."""
+    try:
+        try:
+            return command()
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is left to flush
+        return 0
+    except KeyboardInterrupt:
+        return 128 + signal.SIGINT
 
 
 def positive_seconds(text: str) -> float:

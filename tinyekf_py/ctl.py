@@ -35,8 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         answer = call(options.socket or calling_path(), *words)
     except ControlError as error:
-        complain("ctl", error)
-        return 1
+        return complain("ctl", error, 1)
     if "error" in answer:
         return complain("ctl", RuntimeError(answer["error"]))
     print(json.dumps(answer) if options.json else status_text(answer), flush=True)

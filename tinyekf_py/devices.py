@@ -63,8 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (ConfigError, RuleError) as error:
         return complain("devices", error)
     except (DevicesError, OSError) as error:
-        complain("devices", error)
-        return 1
+        return complain("devices", error, 1)
 
 
 def _heard(device: str) -> str:

@@ -1,6 +1,7 @@
 """The main program: `tinyekf run`, live on real or simulated devices, or a replay.
 
-Exit status: 0 done, 1 the run failed, 2 the command line or the configuration is wrong (one line on stderr).
+Exit status: 0 done, 1 the run failed or a file lacks its end, 2 the command line or the configuration is wrong (one line
+on stderr).
 """
 
 from __future__ import annotations
@@ -12,16 +13,16 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from types import FrameType
 
+from acquisition.background_file import UnfinishedFileError
 from acquisition.device import DeviceError
 from acquisition.recording import RecordingError, read_recording
 from acquisition.recording_writer import set_aside, truth_beside
 from acquisition.simulator.scenarios import ScenarioError
-from tinyekf_py.command_line import OneLineParser, complain, positive_seconds
+from tinyekf_py.command_line import OneLineParser, complain, ended_quietly, positive_seconds
 from tinyekf_py.config import METHODS, Config, ConfigError, apply_flat, config_text, load_config
 from tinyekf_py.console import ConsoleView
 from tinyekf_py.console_keys import ConsoleKeys
@@ -81,15 +82,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _replay(options) if options.replay else _live(options)
     except (ConfigError, RecordingError, HeadingCsvError, DeviceError, ScenarioError, SimulationError) as error:
         return complain("run", error)
-    except BrokenPipeError:  # whoever read our output has gone
-        return 1
-    except KeyboardInterrupt:  # in a replay; the live program ends as if it had come to its end
-        return 1
+    except UnfinishedFileError as error:
+        return complain("run", error, 1)
 
 
 def _check(parser: OneLineParser, options: argparse.Namespace) -> None:
     if options.replay and (options.simulate or options.record):
         parser.error("--replay goes with neither --simulate nor --record")
+    for path in options.replay or ():
+        if not path.exists():
+            parser.error(f"cannot read recording {path}: No such file or directory")
     if options.speed is not None and not (options.replay and options.speed >= 0.001):
         parser.error("--speed takes a number of at least 0.001, with --replay")
     if not options.simulate and (options.scenario is not None or options.seed is not None):
@@ -138,7 +140,15 @@ def _config(options: argparse.Namespace) -> Config:
     return apply_flat(config, flat, "the command line")
 
 
+def _on_signal(end: Callable[[], None]) -> None:
+    """Call `end`, which must be quick, when Ctrl-C, SIGTERM or SIGHUP asks the program to end."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda _number, _frame: end())
+
+
 def _live(options: argparse.Namespace) -> int:
+    ended_early = threading.Event()  # by a signal before there is a live run
+    _on_signal(ended_early.set)
     config = _config(options)
     if options.config is None and not options.simulate and not DEFAULT_CONFIG.exists():
         _log.info("no ./%s: using the defaults (tinyekf run --print-config shows them)", DEFAULT_CONFIG)
@@ -147,7 +157,7 @@ def _live(options: argparse.Namespace) -> int:
         raise ConfigError(f"the recording and the heading CSV cannot be one file, {outputs.csv}")
     start_us = time.monotonic_ns() // 1000
     if not options.simulate:
-        return _run_live(LiveRun(config, start_us=start_us), options)
+        return _run_live(LiveRun(config, start_us=start_us), options, ended_early)
     recording = Path(outputs.recording)
     truth = truth_beside(recording) if recording.name and recording.parent.is_dir() else None
     if truth is not None:  # what stood there belongs to the earlier recording
@@ -157,15 +167,14 @@ def _live(options: argparse.Namespace) -> int:
     wanted = ["--scenario", options.scenario] if options.scenario is not None else []
     wanted += ["--seed", str(options.seed)] if options.seed is not None else []
     with SimulatedDevices(wanted, truth=truth, start_us=start_us) as devices:
-        return _run_live(LiveRun(devices.configure(config), start_us=start_us, simulated=True), options)
+        live = LiveRun(devices.configure(config), start_us=start_us, simulated=True)
+        return _run_live(live, options, ended_early)
 
 
-def _run_live(live: LiveRun, options: argparse.Namespace) -> int:
-    def end(_number: int, _frame: FrameType | None) -> None:
+def _run_live(live: LiveRun, options: argparse.Namespace, ended_early: threading.Event) -> int:
+    _on_signal(live.stop)
+    if ended_early.is_set():
         live.stop()
-
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, end)
     view = ConsoleView()
     with (
         _logging_to(live.notices, quiet=view.takes_terminal and sys.stderr.isatty()),
@@ -226,8 +235,7 @@ def _rows(replay: Replay) -> Iterator[Estimate]:
 def _watch(replay: Replay, options: argparse.Namespace) -> None:
     """Replay at a pace, with the console and the outputs."""
     ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda _number, _frame: ended.set())
+    _on_signal(ended.set)
     outputs = switched_on(apply_flat(replay.config, _served(options), "the command line").outputs)
     watched = WatchedReplay(replay)
     with ExitStack() as stack:
@@ -257,4 +265,4 @@ def _watch(replay: Replay, options: argparse.Namespace) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(ended_quietly(main))

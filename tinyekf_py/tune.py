@@ -183,8 +183,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (RecordingError, ConfigError) as error:
         return complain("tune", error)
     except (TuningError, OSError) as error:
-        print(f"tinyekf tune: {error}", file=sys.stderr)
-        return 1
+        return complain("tune", error, 1)
 
 
 def _tune(options: argparse.Namespace) -> int:

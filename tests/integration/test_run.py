@@ -208,6 +208,7 @@ def test_printed_configuration_is_a_configuration(tmp_path: Path) -> None:
         (["--replay", "none.log", "--output", "x.csv"], "none.log: No such file or directory"),
         (["--replay", "typo.toml", "--output", "x.csv"], "typo.toml is not a recording"),
         (["--replay", "typo.toml"], "--output"),
+        (["--replay", "none.log"], "cannot read recording none.log: No such file or directory"),
         (["--replay", "good.log", "--output", "no/folder.csv"], "no/folder.csv: No such file"),
         (["--simulate", "--replay", "good.log"], "--replay goes with neither"),
         (["--duration", "-3", "--simulate"], "seconds above 0"),

@@ -60,8 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (RecordingError, ConfigError) as error:
         return complain("calibrate", error)
     except (CalibrationError, OSError) as error:
-        print(f"tinyekf calibrate: {error}", file=sys.stderr)
-        return 1
+        return complain("calibrate", error, 1)
 
 
 def _compass(options: argparse.Namespace, config: Config | None) -> int:

@@ -69,8 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (ConfigError, MethodError, ScenarioError, ClusterError, PicturesError) as error:
         return complain("evaluate", error)
     except OSError as error:
-        print(f"tinyekf evaluate: {error}", file=sys.stderr)
-        return 1
+        return complain("evaluate", error, 1)
     except KeyboardInterrupt:
         return 1
 

@@ -112,8 +112,7 @@ def main(argv: list[str] | None = None) -> int:
     except (ConfigError, DriveError) as error:
         return complain("vehicle", error)
     except OSError as error:
-        print(f"tinyekf vehicle: {error}", file=sys.stderr)
-        return 1
+        return complain("vehicle", error, 1)
 
 
 def _read(arguments: argparse.Namespace, config: VehicleConfig) -> Drive:

@@ -18,7 +18,16 @@ from typing import NoReturn
 
 from acquisition.recording import RecordingError
 from acquisition.simulator.grades import GRADES
-from acquisition.simulator.ptys import LinkError, Pty, make_links, next_grid_point, remove_links, serve, utc_tenth
+from acquisition.simulator.ptys import (
+    LinkError,
+    Pty,
+    claim,
+    make_links,
+    next_grid_point,
+    remove_links,
+    serve,
+    utc_tenth,
+)
 from acquisition.simulator.recorder import record
 from acquisition.simulator.scenarios import SCENARIOS, Scenario, ScenarioError, scenario_named, settled
 from acquisition.simulator.voyage import START_UTC, Voyage, antennas_m
@@ -141,7 +150,10 @@ def _serve(scenario: Scenario, options: argparse.Namespace) -> int:
     ptys = {source: Pty() for source in scenario.devices}
     links: dict[str, Path] = {}
     truth_file = None
+    claimed = -1
     try:
+        if options.links:
+            claimed = claim(options.links)
         if options.truth:
             try:
                 truth_file = options.truth.open("w", encoding="ascii", buffering=1)
@@ -157,6 +169,8 @@ def _serve(scenario: Scenario, options: argparse.Namespace) -> int:
             truth_file.close()
         for pty in ptys.values():
             pty.close()
+        if claimed >= 0:
+            os.close(claimed)
     return 0
 
 

@@ -7,6 +7,7 @@ nobody listens to is not kept for the next one who opens the port.
 
 from __future__ import annotations
 
+import fcntl
 import os
 import select
 import time
@@ -82,11 +83,25 @@ class Pty:
         os.close(self.fd)
 
 
-def make_links(ptys: dict[str, Pty], directory: Path) -> dict[str, Path]:
-    """Links like udev's (fjGPS1, ..., fjEC, fjIMU) in `directory`; LinkError when one is in the way."""
-    links = {}
+def claim(directory: Path) -> int:
+    """A descriptor that keeps `directory` ours until it is closed; LinkError when another simulator has it."""
     try:
         directory.mkdir(parents=True, exist_ok=True)
+        fd = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError as error:
+        raise LinkError(f"cannot make the links in {directory}: {error.strerror}") from error
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(fd)
+        raise LinkError(f"another simulator has its links in {directory}; end it, or give another folder") from None
+    return fd
+
+
+def make_links(ptys: dict[str, Pty], directory: Path) -> dict[str, Path]:
+    """Links like udev's (fjGPS1, ..., fjEC, fjIMU) in `directory`; LinkError when something else is in the way."""
+    links = {}
+    try:
         for source, pty in ptys.items():
             link = directory / LINK_NAMES[source]
             if link.is_symlink():

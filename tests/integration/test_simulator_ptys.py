@@ -160,6 +160,24 @@ def test_links_of_an_earlier_run_are_replaced_and_other_files_are_not(tmp_path: 
     pty.close()
 
 
+def test_two_simulators_do_not_share_a_folder_and_a_killed_one_leaves_it(tmp_path: Path) -> None:
+    with simulator("--links", str(tmp_path)) as (first, ready):
+        links = {path.name: os.readlink(path) for path in tmp_path.iterdir()}
+        second = subprocess.run(
+            [*COMMAND, "--links", str(tmp_path)], capture_output=True, text=True, timeout=PATIENCE_S
+        )
+        assert second.returncode == 2
+        assert second.stderr == (
+            f"tinyekf simulate: another simulator has its links in {tmp_path}; end it, or give another folder\n"
+        )
+        assert {path.name: os.readlink(path) for path in tmp_path.iterdir()} == links
+        assert os.path.exists(ready["links"]["imu"])
+        first.kill()
+        first.wait(PATIENCE_S)
+    with simulator("--links", str(tmp_path)) as (_, ready):
+        assert os.path.realpath(ready["links"]["imu"]) == ready["ports"]["imu"]
+
+
 def test_what_nobody_listened_to_is_not_kept_for_the_next_reader() -> None:
     with simulator("--scenario", "dock") as (_, ready):
         # While gps2 is read for a second, nobody has the IMU open.

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from acquisition.message import CLOSED
+from acquisition.message import CLOSED, OPEN
 from acquisition.sample import SOURCES
 
 #: Counters that tell of work done; every other one counts something dropped, by its reason.
@@ -56,9 +56,14 @@ class DeviceState:
     pid: int = 0  #: of the worker; 0 when there is none
     restarts: int = 0  #: of the worker, since the program started
     last_line_us: int = -1  #: stamp of the last line, microseconds since the start; -1 before the first
-    rate_hz: float = float("nan")  #: samples per second over the last second or so; NaN before that has passed
+    measured_hz: float = float("nan")  #: samples per second when they were last counted; NaN before that
     counts: Counter[str] = field(default_factory=Counter)  #: lines, samples, bytes, and what was dropped, by reason
     last_error: str = ""  #: of the decoder or the worker, one line
+
+    @property
+    def rate_hz(self) -> float:
+        """Samples per second over the last second or so; NaN before that has passed, and while none can come."""
+        return self.measured_hz if self.polling and self.port_state == OPEN else float("nan")
 
     @property
     def dropped(self) -> dict[str, int]:

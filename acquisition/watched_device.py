@@ -59,7 +59,7 @@ class WatchedDevice:
         self._past += self._current
         self._current = Counter()
         self.state.pid = 0
-        self.state.rate_hz = float("nan")
+        self.state.measured_hz = float("nan")
         self.state.port_state = CLOSED
         self.state.port_text = "its worker is being restarted"
 
@@ -70,6 +70,7 @@ class WatchedDevice:
             self._count(message)
         elif message.kind == PORT:
             state.port_state, _, state.port_text = message.text.partition(" ")
+            state.measured_hz = float("nan")
             level = logging.INFO if state.port_state in (OPEN, CLOSED) else logging.WARNING
             _log.log(level, "%s: %s: %s", self.name, state.port_state, state.port_text)
         elif message.kind == ERROR:
@@ -84,7 +85,7 @@ class WatchedDevice:
         current: Counter[str] = Counter(json.loads(message.line))
         seconds = (message.t_us - self._counted_us) / 1e6
         if self._current and seconds > 0:
-            self.state.rate_hz = (current["samples"] - self._current["samples"]) / seconds
+            self.state.measured_hz = (current["samples"] - self._current["samples"]) / seconds
         self._counted_us = message.t_us
         self._current = current
         self.state.counts = self._past + current

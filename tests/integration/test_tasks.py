@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pty
+import re
 import select
 import stat
 import subprocess
@@ -114,6 +115,9 @@ def test_a_second_terminal_sees_and_switches_tasks(program) -> None:
     assert "ekf3     running" in shown.stdout
     stopped = ctl(live, "stop", "compass", "--json")
     assert json.loads(stopped.stdout)["tasks"]["compass"] is False
+    assert json.loads(stopped.stdout)["sensors"]["compass"]["rate_hz"] is None
+    live.until(lambda s: s["t_s"] > json.loads(stopped.stdout)["t_s"] + 1.5, "counted again")
+    assert re.search(r"^compass +stopped +--- ", ctl(live, "status").stdout, re.M)
     wrong = ctl(live, "stop", "compas")
     assert (wrong.returncode, wrong.stderr) == (2, "tinyekf ctl: no task 'compas'; did you mean compass?\n")
     assert ctl(live, "stop").returncode == 2

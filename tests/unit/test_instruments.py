@@ -128,7 +128,7 @@ def test_attitude_is_the_imus_in_the_boats_axes_else_the_compass() -> None:
 def test_a_device_adds_what_its_port_knows() -> None:
     boat = Boat(variation_deg=0.0)
     boat.say(gps(0))
-    state = DeviceState("gps1", True, "open", "/dev/pts/7", 42, 3, rate_hz=9.9, last_error="checksum")
+    state = DeviceState("gps1", True, "open", "/dev/pts/7", 42, 3, measured_hz=9.9, last_error="checksum")
     state.counts.update(lines=100, samples=33, checksum=2, down_ms=1500)
     row = boat.instruments.device_row(state, 50_000)
     assert (row.port_state, row.port_text, row.restarts, row.rate_hz) == ("open", "/dev/pts/7", 3, 9.9)

@@ -2,7 +2,7 @@
 
 Console, page, NMEA `ALR` and Signal K notifications all say what `Alarms.update` gives. An alarm comes once its cause
 has lasted, and goes once the cause has been gone for a while, so that none flickers; only a lost heading is told at
-once.
+once, and only one that was never there goes at once.
 """
 
 from __future__ import annotations
@@ -54,6 +54,7 @@ class Alarms:
 
     def __init__(self) -> None:
         self._watches = {name: _Watch() for name in NUMBERS}
+        self._had_heading = False
 
     def update(self, state: ViewState | None, waited_s: float) -> tuple[Alarm, ...]:
         """The alarms raised `waited_s` seconds after `state` was made (None: nothing has come yet), worst first."""
@@ -66,9 +67,10 @@ class Alarms:
         raised = []
         for name, cause in causes.items():
             watch = self._watches[name]
-            _note(watch, cause, now_s, HOLD_S[name], RELEASE_S[name])
+            _note(watch, cause, now_s, HOLD_S[name], RELEASE_S[name] if self._had_heading else 0.0)
             if isfinite(watch.since_s):
                 raised.append(Alarm(name, watch.cause.severity, watch.cause.text, watch.since_s))
+        self._had_heading |= causes[HEADING_INVALID] is None
         if any(alarm.id == HEADING_INVALID for alarm in raised):  # which says more than that it is degraded
             raised = [alarm for alarm in raised if alarm.id != HEADING_DEGRADED]
         return tuple(sorted(raised, key=lambda alarm: alarm.severity))

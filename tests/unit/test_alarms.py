@@ -43,6 +43,15 @@ def test_a_heading_that_is_gone_is_told_at_once(state: ViewState | None) -> None
     assert alarm.text.startswith("no heading")
 
 
+@pytest.mark.parametrize("before", [ViewState(None), ViewState(OK._replace(mode="invalid"))])
+def test_the_first_heading_ends_the_waiting_for_it_at_once(before: ViewState) -> None:
+    alarms = Alarms()
+    assert ids(sail(alarms, before, 2.0)) == [HEADING_INVALID]
+    assert alarms.update(ViewState(OK, sensors=ROWS, elapsed_s=2.1), 0.0) == ()
+    (lost,) = alarms.update(ViewState(OK._replace(mode="invalid"), sensors=ROWS, elapsed_s=10.0), 0.0)
+    assert alarms.update(ViewState(OK, sensors=ROWS, elapsed_s=10.1), 0.0) == (lost,)  # that may be a flicker
+
+
 def test_no_news_for_a_second_is_no_heading() -> None:
     alarms = Alarms()
     assert alarms.update(ViewState(OK, sensors=ROWS, elapsed_s=10.0), 0.9) == ()

@@ -65,6 +65,8 @@ def test_the_state_is_the_view_state_by_its_names(web: WebProcess) -> None:
     assert state["estimate"]["heading_deg"] == 123.4
     assert state["navigation"]["cog_deg"] == 122.0
     assert state["sensors"][1]["rate_hz"] is None
+    assert [row["fix_quality"] for row in state["sensors"]] == [2, None, None, None]
+    assert (state["navigation"]["fix_quality"], state["navigation"]["satellites"]) == (None, None)
     assert state["sensors"][1]["last_error"].startswith("<img")
     assert state["sensors"][1]["dropped"] == [['a"\\\n', 3]]
     assert [task["name"] for task in state["tasks"]] == list(TASKS)

@@ -385,7 +385,7 @@ def test_the_token_is_entered_once(page: Page, tmp_path: Path) -> None:
         page.click("#unlock")
         page.fill("#token", "wrong")
         page.keyboard.press("Enter")
-        expect(page.locator("#login-error")).to_have_text("the token is needed")
+        expect(page.locator("#login-error")).to_have_text("the token is wrong")
         page.fill("#token", token_file.read_text().strip())
         page.keyboard.press("Enter")
         expect(page.locator("#login")).to_be_hidden()

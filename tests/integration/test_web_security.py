@@ -151,6 +151,15 @@ def test_a_login_takes_json_alone(open_web: WebProcess, token_file: Path) -> Non
         assert open_web.post("/api/login", wrong, Content_Type="application/json").status == 400
 
 
+def test_a_wrong_token_is_called_wrong_however_near_it_was(open_web: WebProcess, token_file: Path) -> None:
+    token = token_of(token_file)
+    for wrong in (token[:-1], "x" + token[1:], ""):
+        body = json.dumps({"token": wrong}).encode()
+        reply = open_web.post("/api/login", body, Content_Type="application/json")
+        assert (reply.status, reply.json()) == (401, {"error": "the token is wrong"})
+        assert "set-cookie" not in reply.headers
+
+
 def test_whoever_guesses_has_to_wait_and_others_do_not(open_web: WebProcess, token_file: Path) -> None:
     body = json.dumps({"token": token_of(token_file)}).encode()
     session = open_web.post("/api/login", body, Content_Type="application/json").headers["set-cookie"]

@@ -193,13 +193,13 @@ class _Api:
 
         return check
 
-    def _refusal(self, request: web.Request) -> web.Response:
+    def _refusal(self, request: web.Request, why: str = "the token is needed") -> web.Response:
         self._site.connections.refused["token"] += 1
         wait_s = self._site.access.wait_s(request.remote or "")
         if wait_s > 0.0:
             headers = {"Retry-After": str(int(wait_s) + 1)}
             return answer({"error": f"too many wrong tokens; wait {wait_s:.0f} s"}, 429, headers)
-        return answer({"error": "the token is needed"}, 401, {"WWW-Authenticate": "Bearer"})
+        return answer({"error": why}, 401, {"WWW-Authenticate": "Bearer"})
 
     async def access(self, request: web.Request) -> web.StreamResponse:
         """What the client may do, for the page to ask the token of its user."""
@@ -220,7 +220,7 @@ class _Api:
             return answer({"error": 'send {"token": "..."}'}, 400)
         access = self._site.access
         if access.needs_token and not access.token_is_right(token, request.remote or ""):
-            return self._refusal(request)
+            return self._refusal(request, "the token is wrong")
         response = answer({"control": True})
         if access.needs_token:
             response.set_cookie(COOKIE, access.session(), max_age=SESSION_S, path="/", httponly=True, samesite="Strict")

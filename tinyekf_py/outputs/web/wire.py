@@ -15,6 +15,8 @@ from tinyekf_py.view_state import MAX_ESTIMATE_AGE_S, ViewState
 
 _DECIMALS = {"lat_deg": 9, "lon_deg": 9}
 _DEFAULT_DECIMALS = 4
+#: Fields in which a negative number means that it is not known.
+_COUNTS = frozenset({"fix_quality", "satellites"})
 
 
 def state_object(feed: Feed) -> dict[str, Any]:
@@ -42,16 +44,21 @@ def number(value: float, decimals: int = _DEFAULT_DECIMALS) -> float | None:
 
 
 def _plain(value: Any) -> Any:
-    """Named tuples as objects, other tuples as lists, NaN as None."""
+    """Named tuples as objects, other tuples as lists, what is not known as None."""
     names = _names(type(value))
     if names:
-        return {
-            name: number(item, decimals) if type(item) is float else _plain(item) if type(item) not in _LEAVES else item
-            for (name, decimals), item in zip(names, value, strict=True)
-        }
+        return {name: _field(name, decimals, item) for (name, decimals), item in zip(names, value, strict=True)}
     if isinstance(value, tuple | list):
         return [_plain(item) for item in value]
     return number(value) if isinstance(value, float) else value
+
+
+def _field(name: str, decimals: int, value: Any) -> Any:
+    if type(value) is float:
+        return number(value, decimals)
+    if type(value) not in _LEAVES:
+        return _plain(value)
+    return None if name in _COUNTS and value < 0 else value
 
 
 _LEAVES = (int, str, bool)

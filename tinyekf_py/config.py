@@ -383,6 +383,11 @@ def _check_whole(config: Config, where: str) -> None:
     for name in config.tasks.stopped:
         if name not in (*tasks, "all"):
             raise ConfigError(f"{where}: tasks.stopped names {name}, which this boat does not have: {', '.join(tasks)}")
+    signalk = config.outputs.signalk
+    if signalk.enabled and not signalk.port and not signalk.udp_host:
+        raise ConfigError(
+            f"{where}: outputs.signalk.port = 0 serves nobody without udp_host; give a port from 1 to 65535"
+        )
     chosen = f"gps{config.fusion.cnw_ekf.gps}"
     if config.fusion.method == "cnw-ekf" and config.n_gps and chosen not in config.sources:
         present = ", ".join(name.removeprefix("gps") for name in config.sources if name.startswith("gps"))

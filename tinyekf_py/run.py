@@ -1,7 +1,7 @@
 """The main program: `tinyekf run`, live on real or simulated devices, or a replay.
 
-Exit status: 0 done, 1 the run failed or a file lacks its end, 2 the command line or the configuration is wrong (one line
-on stderr).
+Exit status: 0 done, 1 the run failed or a file lacks its end, 2 the command line or the configuration is wrong
+(one line on stderr).
 """
 
 from __future__ import annotations

@@ -77,7 +77,7 @@ class SignalKConfig:
 
     enabled: bool = key(False, _enabled, boolean)
     host: str = key("127.0.0.1", _host, nonempty_text)
-    port: int = key(8377, "TCP port; 0 for none. A signalk-server listens on 8375.", integer(0, 65535))
+    port: int = key(8377, "TCP port; 0 for UDP alone. A signalk-server listens on 8375.", integer(0, 65535))
     udp_host: str = key("", "Where datagrams go; empty for nowhere.", text)
     udp_port: int = key(8376, "Their UDP port.", _port)
     rate_hz: float = key(5.0, "How often deltas are sent.", number(1, 10), unit="Hz")

@@ -211,8 +211,10 @@ def _check(config: Config, devices: Sequence[SerialDevice], *, probing: bool) ->
 def _verdict(name: str, port: str, devices: Sequence[SerialDevice], *, probing: bool) -> tuple[str, bool]:
     """What there is to say of a sensor's port, and whether it is well."""
     wanted = name.rstrip("0123456789")
-    if not port.startswith("/"):
+    if "://" in port:
         return "not a device of this machine; nothing to check", True
+    if not port.startswith("/") and not os.path.lexists(port):
+        return f"missing in {os.getcwd()}, where a name without a / in front is looked for; say /dev/{port}", False
     if not os.path.lexists(port):
         return "missing; plug it in, and if it is: tinyekf devices rules --install", False
     target = os.path.realpath(port)

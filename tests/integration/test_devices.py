@@ -20,6 +20,7 @@ from acquisition.device_probe import kind_of, probe
 from acquisition.device_rules import RuleError, gpsd_rules, match_text, rule, rules_text
 from acquisition.devices import SerialDevice, guess_roles, port_order
 from tinyekf_py.devices import assign
+from tinyekf_py.devices import main as devices
 
 LINKS = {"gps1": "fjGPS1", "gps2": "fjGPS2", "gps3": "fjGPS3", "compass": "fjEC", "imu": "fjIMU"}
 
@@ -225,6 +226,23 @@ def test_check_says_what_is_missing_and_what_to_do(tmp_path: Path) -> None:
     done = tinyekf_devices(tmp_path, PAPERS, "check")
     assert done.returncode == 1
     assert "/dev/fjGPS1: missing; plug it in" in done.stdout
+
+
+def test_check_takes_a_port_without_a_folder_for_what_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "here").symlink_to("/dev/null")
+    ports = {"gps1": "ttyACM0", "gps2": "here", "gps3": "socket://boat:2000"}
+    (tmp_path / "boat.toml").write_text("".join(f'[sensors.{name}]\nport = "{port}"\n' for name, port in ports.items()))
+    assert devices(["check", "--config", "boat.toml"]) == 1
+    said = capsys.readouterr().out
+    assert (
+        f"gps1     ttyACM0: missing in {tmp_path}, where a name without a / in front is looked for; say /dev/ttyACM0"
+        in said
+    )
+    assert "gps2     here: leads to /dev/null" in said
+    assert "gps3     socket://boat:2000: not a device of this machine" in said
 
 
 def test_gpsds_claim_on_the_papers_receiver_is_seen(tmp_path: Path) -> None:

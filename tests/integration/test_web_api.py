@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import shutil
 import socket
@@ -74,6 +75,18 @@ def test_the_state_is_the_view_state_by_its_names(web: WebProcess) -> None:
     made = boat(1.0, web.running)
     assert set(made._fields) < set(state)
     assert set(made.estimate._fields) == set(state["estimate"])
+
+
+def test_the_log_tells_the_pages_address(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    web = WebProcess()
+    try:
+        end = time.monotonic() + DEADLINE_S
+        while f"page at http://127.0.0.1:{web.port}" not in caplog.messages:
+            assert time.monotonic() < end, caplog.text
+            time.sleep(0.02)  # the line comes over the link when it will
+    finally:
+        web.close()
 
 
 def test_a_watcher_is_greeted_and_then_told_of_each_frame(web: WebProcess) -> None:

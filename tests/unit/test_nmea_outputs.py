@@ -20,6 +20,7 @@ import pytest
 from tinyekf_py.config import Config, ConfigError, apply_flat
 from tinyekf_py.estimate import Estimate
 from tinyekf_py.outputs import broadcast, nmea_serial, nmea_tcp, nmea_udp
+from tinyekf_py.outputs.address import address_text
 from tinyekf_py.outputs.feed import Feed
 from tinyekf_py.outputs.frame import Frame, encode
 from tinyekf_py.outputs.nmea_serial import SerialLine
@@ -73,6 +74,19 @@ async def sailing(output: ModuleType, state: ViewState = STATE, **settings: Any)
         for ended in await asyncio.gather(*tasks, return_exceptions=True):
             assert ended is None or isinstance(ended, asyncio.CancelledError), ended
         boat.ours.close()
+
+
+@pytest.mark.parametrize(
+    ("host", "address"),
+    [
+        ("127.0.0.1", "tcp://127.0.0.1:10110"),
+        ("boat.local", "tcp://boat.local:10110"),
+        ("::1", "tcp://[::1]:10110"),
+        ("0.0.0.0", "tcp://127.0.0.1:10110 and all other addresses of this machine"),
+    ],
+)
+def test_an_address_is_one_that_can_be_typed(host: str, address: str) -> None:
+    assert address_text("tcp", {"host": host, "port": 10110}) == address
 
 
 def free_port() -> int:

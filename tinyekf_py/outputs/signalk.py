@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
+from tinyekf_py.outputs.address import address_text
 from tinyekf_py.outputs.broadcast import DatagramSender, listening
 from tinyekf_py.outputs.feed import Feed
 from tinyekf_py.outputs.signalk_delta import delta, hello, json_line
+
+_log = logging.getLogger(__name__)
 
 
 async def serve(feed: Feed, settings: Mapping[str, Any]) -> None:
@@ -19,6 +23,7 @@ async def serve(feed: Feed, settings: Mapping[str, Any]) -> None:
         if settings["port"]:
             server = listening(settings["host"], settings["port"], greeting=lambda: json_line(hello(datetime.now(UTC))))
             senders.append((await stack.enter_async_context(server)).send)
+            _log.info("Signal K at %s", address_text("tcp", settings))
         if settings["udp_host"]:
             datagrams = stack.enter_context(DatagramSender(settings["udp_host"], settings["udp_port"]))
             senders.append(datagrams.send)

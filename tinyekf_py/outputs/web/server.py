@@ -15,6 +15,7 @@ from typing import Any
 from aiohttp import web
 
 from tinyekf_py.outputs import signalk_delta
+from tinyekf_py.outputs.address import address_text
 from tinyekf_py.outputs.feed import Feed
 from tinyekf_py.outputs.process import OutputError
 from tinyekf_py.outputs.web.access import Access, TokenFileError, token_in, token_path
@@ -48,6 +49,7 @@ async def serve(feed: Feed, settings: Mapping[str, Any]) -> None:
     server = await loop.create_server(
         lambda: Guard(site.connections, inner), settings["host"], settings["port"], reuse_address=True
     )
+    _log.info("page at %s", address_text("http", settings))
     try:
         async with server:
             sending = _send_frames(site, settings["rate_hz"], allow_simulated=settings["allow_simulated"])

@@ -1,14 +1,20 @@
-"""Real ptys for the workers to read, and waiting for what they do."""
+"""Real ptys for the workers to read, waiting for what they do, and pages in a real browser."""
 
 from __future__ import annotations
 
 import os
+import shutil
 import time
 import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+from web_browser import DEADLINE_MS, SCREENSHOTS, SIZES
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
 
 DEADLINE_S = 15.0
 
@@ -71,3 +77,38 @@ def wait_for() -> Callable[[Callable[[], object], str], None]:
             assert time.monotonic() < end, f"{what}: not within {DEADLINE_S:.0f} s"
 
     return wait
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    from playwright.sync_api import sync_playwright
+
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    if chromium is None:
+        why = "no chromium: apt install chromium"
+        pytest.fail(why) if os.environ.get("CI") else pytest.skip(why)
+    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(params=SIZES)
+def size(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture
+def page(browser: Browser, size: str) -> Iterator[Page]:
+    """A page of the size, whose scripts must not complain."""
+    width, height = SIZES[size]
+    page = browser.new_page(viewport={"width": width, "height": height})
+    page.set_default_timeout(DEADLINE_MS)
+    complaints: list[str] = []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+    page.complaints = complaints  # type: ignore[attr-defined]
+    yield page
+    page.close()
+    assert not [text for text in complaints if "ERR_CONNECTION" not in text and "WebSocket" not in text]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -17,17 +16,13 @@ from typing import Any
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, Page, expect, sync_playwright
-from web_process import WebProcess, free_port
+from playwright.sync_api import Page, expect
+from web_browser import DEADLINE_MS, SAYS_SO_WITHIN_MS, SCREENSHOTS, show_panel
+from web_process import free_port
 
 from acquisition.simulator.ptys import LINK_NAMES
 
-ROOT = Path(__file__).resolve().parents[2]
-SCREENSHOTS = ROOT / "build" / "screenshots"
-SIZES = {"lcd": (800, 480), "phone": (390, 844), "desktop": (1440, 900)}
 THEMES = ("dusk", "day", "night")
-DEADLINE_MS = 20_000
-SAYS_SO_WITHIN_MS = 3_000  # what the page promises of a lost connection
 TASKS = (
     *("gps1", "gps2", "gps3", "compass", "imu"),
     *("cnw-s1", "cnw-s2", "ekf1", "ekf2", "ekf3", "cnw-s3"),
@@ -93,53 +88,28 @@ def boat(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Boat]:
     boat.close()
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
-    if chromium is None:
-        why = "no chromium: apt install chromium"
-        pytest.fail(why) if os.environ.get("CI") else pytest.skip(why)
-    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        yield browser
-        browser.close()
-
-
-@pytest.fixture(params=SIZES)
-def size(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
-
-
-@pytest.fixture
-def page(browser: Browser, size: str) -> Iterator[Page]:
-    """A page of the size, whose scripts must not complain."""
-    width, height = SIZES[size]
-    page = browser.new_page(viewport={"width": width, "height": height})
-    page.set_default_timeout(DEADLINE_MS)
-    complaints: list[str] = []
-    page.on("pageerror", lambda error: complaints.append(str(error)))
-    page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
-    page.complaints = complaints  # type: ignore[attr-defined]
-    yield page
-    page.close()
-    assert not [text for text in complaints if "ERR_CONNECTION" not in text and "WebSocket" not in text]
-
-
 def open_live(page: Page, url: str, theme: str = "dusk") -> None:
     page.add_init_script(f"localStorage.setItem('theme', '{theme}')")
     page.goto(url)
     page.wait_for_selector("html[data-link=live][data-heading=ok]")
 
 
-def show_panel(page: Page, name: str) -> None:
-    tab = page.locator(f"#tab-{name}")
-    if tab.is_visible():
-        tab.click()
-
-
 def state_of(page: Page, sensor: str) -> str:
     return str(page.locator(f"[data-sensor={sensor}] .state").text_content())
+
+
+def cut_off(page: Page) -> list[str]:
+    """What has no room sideways, or stands out of its tile or button."""
+    wide = page.evaluate(
+        """() => [...document.querySelectorAll("body, header, main, .panel, .tile, #facts, .task")]
+          .filter((e) => e.offsetParent && e.scrollWidth > e.clientWidth).map((e) => e.className || e.id)"""
+    )
+    beside = page.evaluate(
+        """() => [...document.querySelectorAll(".tile *, .task *")].filter((e) => e.offsetParent
+          && e.getBoundingClientRect().right > e.closest(".tile, .task").getBoundingClientRect().right)
+          .map((e) => e.parentNode.textContent)"""
+    )
+    return [*wide, *beside]
 
 
 def test_the_heading_is_that_of_the_api(page: Page, boat: Boat) -> None:
@@ -255,9 +225,11 @@ def test_a_killed_server_is_told_of_at_once_and_comes_back_by_itself(page: Page,
     try:
         expect(page.locator("#lost-title")).to_have_text("✕ CONNECTION LOST", timeout=SAYS_SO_WITHIN_MS)
         expect(page.locator("#lost")).to_be_visible()
+        expect(page.locator("#lost-detail")).to_contain_text("nothing heard for")
         expect(page.locator("#heading")).to_have_text("---")
         expect(page.locator("[data-sensor=gps1] .state")).to_have_text("✕ unknown")
         page.screenshot(path=SCREENSHOTS / f"{size}-lost.png")
+        assert cut_off(page) == []
     finally:
         boat.start()
     page.wait_for_selector("html[data-link=live][data-heading=ok]")
@@ -287,17 +259,7 @@ def test_nothing_is_cut_off_sideways(page: Page, boat: Boat) -> None:
     open_live(page, boat.url)
     for panel in ("sensors", "charts", "track", "tasks"):
         show_panel(page, panel)
-        wide = page.evaluate(
-            """() => [...document.querySelectorAll("body, header, main, .panel, .tile, #facts, .task")]
-              .filter((e) => e.offsetParent && e.scrollWidth > e.clientWidth + 1).map((e) => e.className || e.id)"""
-        )
-        assert wide == []
-        beside = page.evaluate(
-            """() => [...document.querySelectorAll(".tile *, .task *")].filter((e) => e.offsetParent
-              && e.getBoundingClientRect().right > e.closest(".tile, .task").getBoundingClientRect().right)
-              .map((e) => e.parentNode.textContent)"""
-        )
-        assert beside == []
+        assert cut_off(page) == []
 
 
 def test_a_course_is_never_called_a_heading(page: Page, boat: Boat) -> None:
@@ -318,84 +280,3 @@ def test_the_page_is_small_and_from_here_alone(page: Page, boat: Boat) -> None:
     assert len(weights) >= 9
     assert sum(weights.values()) <= 150_000
     assert all(url.startswith(boat.url) for url in weights)
-
-
-@pytest.fixture
-def made_up(size: str) -> Iterator[WebProcess]:
-    web = WebProcess()
-    yield web
-    web.close()
-
-
-def test_what_devices_say_is_text(page: Page, made_up: WebProcess) -> None:
-    page.goto(f"http://127.0.0.1:{made_up.port}")
-    page.wait_for_selector("html[data-link=live]")
-    expect(page.locator("[data-sensor=gps2] .why")).to_contain_text("<img src=x onerror=")
-    assert page.locator("img").count() == 0
-    assert "owned" not in page.title()
-
-
-def test_a_program_that_falls_silent_is_told_of(page: Page, made_up: WebProcess) -> None:
-    """The web server lives, the fusion does not."""
-    page.goto(f"http://127.0.0.1:{made_up.port}")
-    page.wait_for_selector("html[data-link=live][data-heading=ok]")
-    made_up.silent.set()
-    expect(page.locator("#mode-word")).to_have_text("NO HEADING", timeout=SAYS_SO_WITHIN_MS)
-    expect(page.locator("#heading")).to_have_text("---")
-    made_up.silent.clear()
-    expect(page.locator("#heading")).to_have_text("123.4")
-
-
-def test_a_page_opened_late_shows_five_minutes_at_once(page: Page, made_up: WebProcess) -> None:
-    made_up.sail_quickly(10_000.0, 420.0)
-    page.goto(f"http://127.0.0.1:{made_up.port}")
-    expect(page.locator("#charts")).to_have_attribute("data-seconds", re.compile(r"^(29[5-9]|300)$"))
-
-
-def test_a_page_that_may_not_read_asks_for_the_token(page: Page, tmp_path: Path) -> None:
-    token_file = tmp_path / "token"
-    web = WebProcess(read_token=True, token_file=str(token_file))
-    try:
-        page.goto(f"http://127.0.0.1:{web.port}")
-        expect(page.locator("#login")).to_be_visible()
-        page.click("#login-cancel")
-        expect(page.locator("#lost-title")).to_have_text("✕ LOCKED")
-        expect(page.locator("#heading")).to_have_text("---")
-        page.click("#unlock")
-        page.fill("#token", token_file.read_text())
-        page.keyboard.press("Enter")
-        expect(page.locator("#heading")).to_have_text("123.4")
-        page.goto("about:blank")
-        page.context.clear_cookies()
-        page.goto(f"http://127.0.0.1:{web.port}/#token={token_file.read_text().strip()}")
-        expect(page.locator("#heading")).to_have_text("123.4")
-        assert page.url == f"http://127.0.0.1:{web.port}/"
-    finally:
-        web.close()
-
-
-def test_the_token_is_entered_once(page: Page, tmp_path: Path) -> None:
-    token_file = tmp_path / "token"
-    web = WebProcess(names=["boat.local"], token_file=str(token_file))
-    try:
-        page.goto(f"http://127.0.0.1:{web.port}")
-        page.wait_for_selector("html[data-link=live]")
-        show_panel(page, "tasks")
-        expect(page.locator("[data-task=gps2]")).to_be_disabled()
-        page.click("#unlock")
-        page.fill("#token", "wrong")
-        page.keyboard.press("Enter")
-        expect(page.locator("#login-error")).to_have_text("the token is wrong")
-        page.fill("#token", token_file.read_text().strip())
-        page.keyboard.press("Enter")
-        expect(page.locator("#login")).to_be_hidden()
-        page.locator("[data-task=gps2]").click()
-        expect(page.locator("[data-task=gps2]")).to_contain_text("stopped")
-        page.reload()
-        page.wait_for_selector("html[data-link=live]")
-        show_panel(page, "tasks")
-        expect(page.locator("[data-task=gps2]")).to_be_enabled()
-        assert page.evaluate("document.cookie + JSON.stringify({...localStorage, ...sessionStorage})").count("-") == 0
-        page.complaints.clear()  # type: ignore[attr-defined]  # the 401 of the wrong token
-    finally:
-        web.close()

@@ -113,8 +113,9 @@ function show() {
     put($("lost-detail"), "the token is needed to read");
   } else if (lost) {
     const seconds = Math.round((performance.now() - heardAt) / 1000);
-    put($("lost-title"), lateS > LATE_S && seconds < 2 ? "✕ DATA COME LATE" : "✕ CONNECTION LOST");
-    put($("lost-detail"), seconds < 2 ? `${lateS.toFixed(0)} s behind the boat` : `nothing heard for ${seconds} s; trying again`);
+    const late = lateS > LATE_S && seconds < 2;
+    put($("lost-title"), late ? "✕ DATA COME LATE" : "✕ CONNECTION LOST");
+    put($("lost-detail"), late ? `${lateS.toFixed(0)} s behind the boat` : `nothing heard for ${seconds} s; trying again`);
   } else {
     put($("lost-title"), "");
     put($("lost-detail"), "");

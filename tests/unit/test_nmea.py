@@ -64,11 +64,11 @@ def test_every_sentence_that_the_configuration_knows_can_be_made() -> None:
         ("HDT", "123.46,T"),
         ("THS", "123.46,A"),
         ("HDM", "131.46,M"),
-        ("HDG", "131.46,,,8.0,W"),
+        ("HDG", "131.46,,,8.00,W"),
         ("ROT", "-90.0,A"),
         ("XDR", "A,0.0,D,PITCH,A,3.2,D,ROLL"),
         ("GGA", "195915.25,3557.60000,N,12631.20000,E,1,09,0.9,12.3,M,,,,"),
-        ("RMC", "195915.25,A,3557.60000,N,12631.20000,E,9.7,121.50,241126,8.0,W,A"),
+        ("RMC", "195915.25,A,3557.60000,N,12631.20000,E,9.7,121.50,241126,8.00,W,A"),
     ],
 )
 def test_a_sentence_says_what_is_known(formatter: str, fields: str) -> None:
@@ -76,9 +76,9 @@ def test_a_sentence_says_what_is_known(formatter: str, fields: str) -> None:
 
 
 def test_hdg_with_the_deviation_is_what_its_listener_adds_up_to_the_same_heading() -> None:
-    assert said(REPORT._replace(send_deviation=True), "HDG") == "129.46,2.0,E,8.0,W"
+    assert said(REPORT._replace(send_deviation=True), "HDG") == "129.46,2.00,E,8.00,W"
     west = with_navigation(deviation_deg=-3.25)._replace(send_deviation=True)
-    assert said(west, "HDG") == "134.71,3.2,W,8.0,W"
+    assert said(west, "HDG") == "134.71,3.25,W,8.00,W"
 
 
 @pytest.mark.parametrize(
@@ -249,5 +249,5 @@ def test_strangers_read_the_same_numbers() -> None:
     assert gga.gps_qual == 1
     assert pynmea2.parse(lines["THS"].decode(), check=True).heading == "123.46"
     hdg = pynmea2.parse(lines["HDG"].decode(), check=True)
-    assert (hdg.heading, hdg.variation, hdg.var_dir) == (Decimal("131.46"), Decimal("8.0"), "W")
+    assert (hdg.heading, hdg.variation, hdg.var_dir) == (Decimal("131.46"), Decimal("8.00"), "W")
     assert NMEAReader.parse(lines["ROT"]).rot == pytest.approx(-90.0)

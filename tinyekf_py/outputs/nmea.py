@@ -192,7 +192,7 @@ def _signed(angle_deg: float, sides: str) -> tuple[str, str]:
     """An angle without its sign, and its side; empty when unknown."""
     if not isfinite(angle_deg):
         return "", ""
-    return f"{abs(angle_deg):.1f}", sides[angle_deg < 0.0]
+    return f"{abs(angle_deg):.2f}", sides[angle_deg < 0.0]
 
 
 def _position(report: Report) -> tuple[str, str, str, str]:

@@ -15,6 +15,7 @@ from acquisition.simulator.helm import Leg, circle
 from acquisition.simulator.recorder import record
 from acquisition.simulator.scenarios import SCENARIOS, Scenario
 from acquisition.simulator.voyage import Voyage
+from tinyekf_py.calibrate.card import card_text
 from tinyekf_py.calibrate.command import main
 from tinyekf_py.calibrate.config_edit import set_key
 from tinyekf_py.calibrate.current import find_current
@@ -55,6 +56,7 @@ def test_a_swing_gives_the_deviation_in_spite_of_a_current(tmp_path: Path, scena
     assert fit.current is not None
     assert fit.current.drift_mps == pytest.approx(scenario.waters.drift_mps, abs=0.06)
     assert fit.warnings == ()
+    assert "not sailed" not in card_text(fit)
 
 
 def test_without_a_circle_b_and_c_are_not_fitted_and_it_says_so(tmp_path: Path) -> None:
@@ -75,6 +77,13 @@ def test_headings_that_were_not_sailed_are_named(tmp_path: Path) -> None:
     fit = fit_deviation([track_of(decode(recording))])
     assert any("no headings between" in warning and "A alone" in warning for warning in fit.warnings)
     assert fit.coefficients_deg[1:] == (0.0, 0.0, 0.0, 0.0)
+    rows = [line.split() for line in card_text(fit).splitlines()[-24:]]
+    assert [float(row[0]) for row in rows] == [15.0 * i for i in range(24)]
+    for heading, *rest in rows:
+        away_deg = np.abs((fit.compass_deg - float(heading) + 180.0) % 360.0 - 180.0).min()
+        if away_deg > 10.0:
+            assert rest[-2:] == ["not", "sailed"]
+    assert 3 < sum(row[-1] == "sailed" for row in rows) < 24
 
 
 def test_a_turn_at_falling_speed_is_no_swing(tmp_path: Path) -> None:

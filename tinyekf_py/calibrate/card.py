@@ -9,14 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from tinyekf_py.calibrate.deviation_fit import NAMES, DeviationFit, card_deg, deviation_sigma_deg
+from tinyekf_py.calibrate.deviation_fit import NAMES, DeviationFit, card_deg, deviation_sigma_deg, was_sailed
 from tinyekf_py.calibrate.track import CalibrationError
 
 STEP_DEG = 15.0
 
 
 def card_text(fit: DeviationFit) -> str:
-    """Coefficients with their standard errors, the current, and the deviation every 15 degrees of compass heading."""
+    """Coefficients with their standard errors, the current, and the deviation every 15 degrees of compass heading.
+
+    Where the boat never pointed, the deviation is what the coefficients make of it, and is marked.
+    """
     lines = [f"Deviation by {fit.seconds:.0f} s of sailing; {fit.residual_deg:.1f} degrees RMS from second to second"]
     if fit.current is not None:
         current = fit.current
@@ -34,7 +37,8 @@ def card_text(fit: DeviationFit) -> str:
     for compass in np.arange(0.0, 360.0, STEP_DEG):
         deviation = float(card_deg(fit, compass))
         sigma = float(deviation_sigma_deg(fit, compass))
-        lines.append(f"    {compass:03.0f}   {deviation:+z6.1f} ± {sigma:.1f}   {round(compass + deviation) % 360:03d}")
+        row = f"    {compass:03.0f}   {deviation:+z6.1f} ± {sigma:.1f}   {round(compass + deviation) % 360:03d}"
+        lines.append(row if was_sailed(fit, compass) else f"{row}   not sailed")
     return "\n".join(lines) + "\n"
 
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tinyekf_py.calibrate.current import Current, combined, current_by_legs, find_current
 from tinyekf_py.calibrate.track import CalibrationError, Floats, Track
@@ -113,10 +113,21 @@ def _compare(number: int, track: Track, current: Current | None) -> tuple[Floats
     return track.compass_deg[usable], observed[usable], rate[usable], speed[usable], block[usable]
 
 
+def _covered(compass_deg: Floats) -> NDArray[np.bool_]:
+    """Whether the boat pointed into each sector for long enough."""
+    counts = np.bincount((compass_deg // _SECTOR_DEG).astype(int) % _SECTORS, minlength=_SECTORS)
+    return counts >= _MIN_BIN_S
+
+
+def was_sailed(fit: DeviationFit, compass_deg: float) -> bool:
+    """Whether the card rests on what was seen at this compass heading, or near it."""
+    beside = np.array([compass_deg - _SECTOR_DEG / 2, compass_deg + _SECTOR_DEG / 2])
+    return bool(_covered(fit.compass_deg)[(beside // _SECTOR_DEG).astype(int) % _SECTORS].any())
+
+
 def largest_gap(compass_deg: Floats) -> tuple[float, float]:
     """Where the largest gap between the headings covered begins, and how wide it is, degrees."""
-    counts = np.bincount((compass_deg // _SECTOR_DEG).astype(int) % _SECTORS, minlength=_SECTORS)
-    covered = np.flatnonzero(counts >= _MIN_BIN_S)
+    covered = np.flatnonzero(_covered(compass_deg))
     if not len(covered):
         return 0.0, 360.0
     gaps = (np.diff(np.append(covered, covered[0] + _SECTORS)) - 1) * _SECTOR_DEG

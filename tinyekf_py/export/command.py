@@ -106,13 +106,14 @@ def _sink(replay: Replay, kind: str, output: Path, files: PartFiles, stack: Exit
         return McapChannels(output, files, stack, n_gps, start_utc)
     if output.exists() and not output.is_dir():
         raise ExportError(f"{output} is a file; give a folder")
-    output.mkdir(parents=True, exist_ok=True)
     if kind == "csv":
+        output.mkdir(parents=True, exist_ok=True)
         return CsvTables(output, files, stack, n_gps)
     try:
         from tinyekf_py.export.parquet_tables import ParquetTables
     except ImportError as error:
         raise ExportError(f"--parquet needs {error.name}; install the extra [parquet]") from error
+    output.mkdir(parents=True, exist_ok=True)
     return ParquetTables(output, files, stack, n_gps, start_utc)
 
 

@@ -1,22 +1,26 @@
-"""Real ptys for the workers to read, waiting for what they do, and pages in a real browser."""
+"""Real ptys for the workers to read, waiting for what they do, servers of the page and real browsers for it."""
 
 from __future__ import annotations
 
 import os
 import shutil
+import subprocess
+import sys
 import time
 import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from web_browser import DEADLINE_MS, SCREENSHOTS, SIZES
+from web_process import WebProcess
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 DEADLINE_S = 15.0
+DEBIAN_PYTHON = "/usr/bin/python3"  # with the aiohttp of the boards' Debian, the oldest that is supported
 
 
 class PtyDevice:
@@ -77,6 +81,31 @@ def wait_for() -> Callable[[Callable[[], object], str], None]:
             assert time.monotonic() < end, f"{what}: not within {DEADLINE_S:.0f} s"
 
     return wait
+
+
+@pytest.fixture(scope="module", params=["newest aiohttp", "Debian's aiohttp"])
+def start_web(request: pytest.FixtureRequest) -> Iterator[Callable[..., WebProcess]]:
+    """Starts output processes, which run until the module's end."""
+    started: list[WebProcess] = []
+
+    def run(**settings: Any) -> WebProcess:
+        started.append(WebProcess(**settings))
+        return started[-1]
+
+    with pytest.MonkeyPatch.context() as patch:
+        if request.param == "Debian's aiohttp":
+            if subprocess.run([DEBIAN_PYTHON, "-c", "import aiohttp"], capture_output=True).returncode:
+                why = "no aiohttp for the system's Python: apt install python3-aiohttp"
+                pytest.fail(why) if os.environ.get("CI") else pytest.skip(why)
+            patch.setattr(sys, "executable", DEBIAN_PYTHON)
+        yield run
+    for web in started:
+        web.close()
+
+
+@pytest.fixture
+def token_file(tmp_path: Path) -> Path:
+    return tmp_path / "config" / "token"
 
 
 @pytest.fixture(scope="module")

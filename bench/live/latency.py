@@ -47,6 +47,7 @@ from tinyekf_py.estimate import Estimate
 from tinyekf_py.live import LiveRun
 
 WARM_UP = 50  # of each kind, not counted
+SETTLING_S = 5.0  # from the start until all clients are served, and before the end
 PORTS = {"web": 28431, "nmea_tcp": 28432}
 HANDSHAKE = (
     "GET /api/stream HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
@@ -74,7 +75,7 @@ def sail(log: Path) -> None:
     log.write_text(json.dumps(sent))
 
 
-async def watch(web: int, nmea: int, clients: int) -> None:
+async def watch(web: int, nmea: int, clients: int, seconds: int) -> None:
     """Another child: read the page's stream and NMEA 0183 by TCP, each over `clients` connections; one of each more
     never reads. Prints how often each heard the heading, and the output process' load, when standard input ends."""
     os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))  # they stand for other machines: not to be in our way
@@ -97,26 +98,33 @@ async def watch(web: int, nmea: int, clients: int) -> None:
     async with aiohttp.ClientSession() as session:
         tasks = [asyncio.create_task(page(number, session)) for number in range(clients)]
         tasks += [asyncio.create_task(plotter(clients + number)) for number in range(clients)]
-        tasks.append(asyncio.create_task(output_load(load := [])))
+        await asyncio.sleep(SETTLING_S)
+        pid, began_s = output_process(), time.monotonic()
+        before_s = cpu_s_of(pid)
+        await asyncio.sleep(max(seconds - 3 * SETTLING_S, 1.0))
+        share = 100.0 * (cpu_s_of(pid) - before_s) / (time.monotonic() - began_s)
+        smaps = Path(f"/proc/{pid}/smaps_rollup").read_text()
+        pss_kb = next(int(line.split()[1]) for line in smaps.splitlines() if line.startswith("Pss:"))
         await asyncio.to_thread(sys.stdin.read)
-        print(json.dumps({"heard": heard, "load": load}), flush=True)
+        print(json.dumps({"heard": heard, "share": share, "pss_mb": pss_kb / 1024}), flush=True)
         for task in tasks:
             task.cancel()
 
 
-async def output_load(load: list[tuple[float, float, float]]) -> None:
-    """Note every second: monotonic time, CPU seconds and PSS in MB of our parent's output process."""
-    pid = 0
+def output_process() -> int:
+    """The process number of our parent's output process."""
     for entry in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):  # it has ended
             ours = int(stat_of(int(entry.name))[1]) == os.getppid()
             if ours and b"outputs.process" in (entry / "cmdline").read_bytes():
-                pid = int(entry.name)
-    while True:
-        pss_kb = next(line for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines() if line[:4] == "Pss:")
-        cpu_s = (int(stat_of(pid)[11]) + int(stat_of(pid)[12])) / os.sysconf("SC_CLK_TCK")
-        load.append((time.monotonic(), cpu_s, int(pss_kb.split()[1]) / 1024))
-        await asyncio.sleep(1.0)
+                return int(entry.name)
+    raise SystemExit("there is no output process")
+
+
+def cpu_s_of(pid: int) -> float:
+    """Processor time a process has taken."""
+    fields = stat_of(pid)
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def stat_of(pid: int) -> list[str]:
@@ -165,14 +173,18 @@ class TimedRun(LiveRun):
 
 
 def noting(run: TimedRun) -> type[Supervisor]:
-    """A supervisor that notes each line as it is taken from it."""
+    """A supervisor that notes each line as it is taken from its messages."""
 
-    class Noting(Supervisor):
-        def poll(self, timeout: float) -> Iterator[tuple[str, Message]]:  # type: ignore[override]
-            for name, message in super().poll(timeout):
+    class Noted(list[tuple[str, Message]]):
+        def __iter__(self) -> Iterator[tuple[str, Message]]:
+            for name, message in super().__iter__():
                 if message.kind == LINE:
                     run.dealt[name].append(Dealt(message.line.decode("latin-1"), message.t_us))
                 yield name, message
+
+    class Noting(Supervisor):
+        def poll(self, timeout: float) -> list[tuple[str, Message]]:
+            return Noted(super().poll(timeout))
 
     return Noting
 
@@ -190,7 +202,7 @@ def measure(seconds: float, folder: Path, clients: int) -> dict[str, list[float]
             flat |= {f"outputs.{name}.enabled": True for name in PORTS} | {
                 f"outputs.{name}.port": port for name, port in PORTS.items()
             }
-            watching = [sys.executable, __file__, "--watch", *map(str, PORTS.values()), str(clients)]
+            watching = [sys.executable, __file__, "--watch", *map(str, PORTS.values()), str(clients), str(int(seconds))]
             watcher = subprocess.Popen(watching, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         run = TimedRun(apply_flat(Config(), flat, "the benchmark"), start_us)
         os.environ["XDG_RUNTIME_DIR"] = str(folder)
@@ -199,10 +211,9 @@ def measure(seconds: float, folder: Path, clients: int) -> dict[str, list[float]
         child.terminate()
         if clients:
             watched = json.loads(watcher.communicate()[0])
-            heard, ((began_s, before_s, _), *_, (ended_s, after_s, pss_mb)) = watched["heard"], watched["load"]
-            share = 100 * (after_s - before_s) / (ended_s - began_s)
+            heard = watched["heard"]
             print(f"{len(heard)} clients heard the heading {min(heard)} to {max(heard)} times in {seconds:.0f} s")
-            print(f"the output process took {share:.2f} % of a core, {pss_mb:.1f} MB PSS")
+            print(f"the output process took {watched['share']:.2f} % of a core, {watched['pss_mb']:.1f} MB PSS")
     sent: dict[str, list[tuple[int, str]]] = {name: [] for name in LINK_NAMES}
     for name, began_ns, line in json.loads((folder / "sent.json").read_text()):
         sent[name].append((began_ns, line))
@@ -231,7 +242,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=120.0)
     parser.add_argument("--sail", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--clients", type=int, default=0, help="pages, and as many chart plotters")
-    parser.add_argument("--watch", type=int, nargs=3, help=argparse.SUPPRESS)
+    parser.add_argument("--watch", type=int, nargs=4, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.sail:
         sail(options.sail)

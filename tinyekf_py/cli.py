@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import importlib
 import sys
-from difflib import get_close_matches
 
-from tinyekf_py.command_line import ended_quietly
+from tinyekf_py.quiet_end import ended_quietly
 
 #: Command -> module with a `main(argv)`, imported when asked for, and what it does.
 COMMANDS = {
@@ -39,6 +38,8 @@ def _command() -> int:
         print(f"tinyekf {_version()}")
         return 0
     if name not in COMMANDS:
+        from difflib import get_close_matches
+
         nearest = get_close_matches(name, COMMANDS, 1)
         hint = f"did you mean {nearest[0]}?" if nearest else f"there are {', '.join(COMMANDS)}"
         print(f"tinyekf: no command {name!r}; {hint}", file=sys.stderr)

@@ -1,13 +1,10 @@
-"""What the command lines share: a parser that complains in one line, the exit status of a complaint, a quiet end."""
+"""What the command lines share: a parser that complains in one line, and the exit status of a complaint."""
 
 from __future__ import annotations
 
 import argparse
 import math
-import os
-import signal
 import sys
-from collections.abc import Callable
 from typing import NoReturn
 
 
@@ -25,21 +22,6 @@ def complain(command: str, error: Exception | str, status: int = 2) -> int:
         raise error
     print(f"tinyekf {command}: {error}", file=sys.stderr)
     return status
-
-
-def ended_quietly(command: Callable[[], int]) -> int:
-    """The exit status of `command`; Ctrl-C ends it without a word, and so does whoever closes its output."""
-    try:
-        try:
-            return command()
-        finally:
-            if sys.stdout is not None:
-                sys.stdout.flush()
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is left to flush
-        return 0
-    except KeyboardInterrupt:
-        return 128 + signal.SIGINT
 
 
 def positive_seconds(text: str) -> float:

@@ -22,7 +22,7 @@ from acquisition.device import DeviceError
 from acquisition.recording import RecordingError, read_recording
 from acquisition.recording_writer import set_aside, truth_beside
 from acquisition.simulator.scenarios import ScenarioError
-from tinyekf_py.command_line import OneLineParser, complain, ended_quietly, positive_seconds
+from tinyekf_py.command_line import OneLineParser, complain, positive_seconds
 from tinyekf_py.config import METHODS, Config, ConfigError, apply_flat, config_text, load_config
 from tinyekf_py.console import ConsoleView
 from tinyekf_py.console_keys import ConsoleKeys
@@ -32,6 +32,7 @@ from tinyekf_py.live import LiveRun
 from tinyekf_py.outputs.launcher import OutputProcess
 from tinyekf_py.outputs.settings import switched_on
 from tinyekf_py.program_log import start_program_log
+from tinyekf_py.quiet_end import ended_quietly
 from tinyekf_py.replay import Replay
 from tinyekf_py.simulated_devices import SimulatedDevices, SimulationError
 from tinyekf_py.watched_replay import WatchedReplay

@@ -13,22 +13,19 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from acquisition.decoder import DRIVERS, DecoderConfigError, make_decoder
+from acquisition.decoder import DecoderConfigError, make_decoder
 from acquisition.sample import MAX_GPS, SOURCES
 from acquisition.toml_value import toml_value
 from tinyekf_py.config_key import (
     ConfigError,
     boolean,
-    choice,
     integer,
     key,
     keys_of,
     nearest_of,
-    nonempty_text,
     number,
-    numbers,
     places,
     table,
     tables_of,
@@ -44,6 +41,7 @@ from tinyekf_py.outputs.settings import (
     SignalKConfig,
     WebConfig,
 )
+from tinyekf_py.sensor_config import SensorConfig, default_sensor
 from tinyekf_py.tasks import task_names
 
 if TYPE_CHECKING:
@@ -67,8 +65,6 @@ Section = TypeVar("Section", bound="DataclassInstance")
 
 DEFAULT_GPS = ("gps1", "gps2", "gps3")
 
-_baud = integer(50, 4_000_000)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VesselConfig:
@@ -86,108 +82,6 @@ class VesselConfig:
         "GPS antennas: [ahead, to starboard] of gps1, of gps2, ..., from the reference point; for method adaptive.",
         places(MAX_GPS, 200),
         unit="m",
-        shapes_result=True,
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SensorConfig:
-    """What every sensor has."""
-
-    decoder_options: ClassVar[tuple[str, ...]] = ()
-
-    enabled: bool = key(True, "Whether the boat has this sensor and it is used.", boolean, shapes_result=True)
-    port: str = key(
-        "", "Where it is: a device such as /dev/ttyUSB0, or a URL such as socket://host:port.", nonempty_text
-    )
-    driver: str
-    baud: int
-    latency_ms: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GpsConfig(SensorConfig):
-    """A GPS receiver."""
-
-    decoder_options: ClassVar[tuple[str, ...]] = ("checksum",)
-
-    driver: str = key("nmea", "What it speaks: nmea is NMEA 0183.", choice(*DRIVERS["gps"]), shapes_result=True)
-    baud: int = key(
-        9600, "Speed of a serial port; 9600 is u-blox's own, and a receiver's USB port ignores it.", _baud, unit="baud"
-    )
-    checksum: bool = key(True, "Whether a sentence without a checksum is dropped.", boolean, shapes_result=True)
-    latency_ms: float = key(
-        120.0,
-        "How long after the moment measured its lines arrive; only method adaptive uses it.",
-        number(0, 900),
-        unit="milliseconds",
-        shapes_result=True,
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CompassConfig(SensorConfig):
-    """The electronic compass."""
-
-    decoder_options: ClassVar[tuple[str, ...]] = ("checksum",)
-
-    driver: str = key("nmea", "What it speaks: nmea is NMEA 0183.", choice(*DRIVERS["compass"]), shapes_result=True)
-    baud: int = key(9600, "Speed of a serial port; older NMEA compasses have 4800.", _baud, unit="baud")
-    checksum: bool = key(True, "Whether a sentence without a checksum is dropped.", boolean, shapes_result=True)
-    deviation: tuple[float, ...] = key(
-        (0.0, 0.0, 0.0, 0.0, 0.0),
-        "Deviation A + B sin z + C cos z + D sin 2z + E cos 2z at compass heading z, as [A, B, C, D, E].",
-        numbers("ABCDE", -180, 180),
-        unit="degrees, east positive",
-        shapes_result=True,
-    )
-    latency_ms: float = key(
-        50.0,
-        "How long after the moment measured its lines arrive; only method adaptive uses it.",
-        number(0, 900),
-        unit="milliseconds",
-        shapes_result=True,
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ImuConfig(SensorConfig):
-    """The inertial measurement unit."""
-
-    decoder_options: ClassVar[tuple[str, ...]] = ("groups",)
-
-    driver: str = key(
-        "ebimu-ascii", "What it speaks: ebimu-ascii or ebimu-hex.", choice(*DRIVERS["imu"]), shapes_result=True
-    )
-    baud: int = key(115200, "Speed of a serial port.", _baud, unit="baud")
-    groups: str = key(
-        "gyro,accel", "Which groups follow roll, pitch and yaw: of gyro, accel and mag.", text, shapes_result=True
-    )
-    mount: tuple[float, ...] = key(
-        (0.0, 0.0, 0.0),
-        "How the IMU is turned in the boat, a rotation from its axes to the boat's, as [roll, pitch, yaw].",
-        numbers(("roll", "pitch", "yaw"), -180, 180),
-        unit="degrees",
-        shapes_result=True,
-    )
-    accel: str = key(
-        "gravity",
-        "What the accelerometer shows at rest and level: gravity is (0, 0, +1) g, specific-force (0, 0, -1) g.",
-        choice("gravity", "specific-force"),
-        shapes_result=True,
-    )
-    gyro_bias_dps: tuple[float, ...] = key(
-        (0.0, 0.0, 0.0),
-        "What the gyro shows at rest about its own axes, taken off its readings; tinyekf calibrate gyro finds it.",
-        numbers("xyz", -50, 50),
-        unit="degrees/s",
-        shapes_result=True,
-    )
-    latency_ms: float = key(
-        0.0,
-        "How long after the moment measured its lines arrive; only method adaptive uses it.",
-        number(0, 900),
-        unit="milliseconds",
         shapes_result=True,
     )
 
@@ -225,15 +119,6 @@ class RecordingConfig:
     max_mb: float = key(0.0, "Size at which a piece ends; 0 for no limit.", number(0, 1e6), unit="MB (1,000,000 bytes)")
     max_hours: float = key(0.0, "Age at which a piece ends; 0 for no limit.", number(0, 1e5), unit="hours")
     keep: int = key(0, "Pieces kept, the oldest being removed; 0 keeps all.", integer(0, 1_000_000))
-
-
-def default_sensor(name: str) -> SensorConfig:
-    """The sensor `name` (of `SOURCES`) as it is unless configured otherwise."""
-    if name == "compass":
-        return CompassConfig(port="/dev/fjEC")
-    if name == "imu":
-        return ImuConfig(port="/dev/fjIMU")
-    return GpsConfig(port=f"/dev/fjGPS{SOURCES[name] + 1}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

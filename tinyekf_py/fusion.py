@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 from acquisition.recording import Event
 from acquisition.sample import COMPASS, IMU, MAX_GPS, SAMPLE_SIZE, SOURCES, Sample
 from tinyekf_py._core import ffi, lib
-from tinyekf_py.config import PAPER_Q, PAPER_R, CompassConfig, Config, ImuConfig
+from tinyekf_py.config import PAPER_Q, PAPER_R, Config
 from tinyekf_py.estimate import Estimate
 from tinyekf_py.fusion_config import AdaptiveConfig
+from tinyekf_py.sensor_config import CompassConfig, ImuConfig
 from tinyekf_py.variation import VariationError, variation_deg
 
 if TYPE_CHECKING:

@@ -23,9 +23,10 @@ from tinyekf_py.calibrate.deviation_fit import deviation_sigma_deg, fit_deviatio
 from tinyekf_py.calibrate.gyro_fit import fit_gyro
 from tinyekf_py.calibrate.latency_fit import SIGMA_S, fit_latency, worth_writing
 from tinyekf_py.calibrate.track import CalibrationError, track_of
-from tinyekf_py.config import Config, ConfigError, ImuConfig, config_text, load_config
+from tinyekf_py.config import Config, ConfigError, config_text, load_config
 from tinyekf_py.deviation import deviation_deg
 from tinyekf_py.evaluate.decoded import decode
+from tinyekf_py.sensor_config import ImuConfig
 
 SWING = Scenario(
     "swing",

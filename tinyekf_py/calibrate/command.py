@@ -21,9 +21,10 @@ from tinyekf_py.calibrate.gyro_fit import fit_gyro
 from tinyekf_py.calibrate.latency_fit import SIGMA_S, fit_latency, worth_writing
 from tinyekf_py.calibrate.track import CalibrationError, track_of
 from tinyekf_py.command_line import OneLineParser, complain
-from tinyekf_py.config import Config, ConfigError, ImuConfig, load_config
+from tinyekf_py.config import Config, ConfigError, load_config
 from tinyekf_py.evaluate.decoded import decode
 from tinyekf_py.fusion import rotation
+from tinyekf_py.sensor_config import ImuConfig
 
 #: A card is not believed to be better than this, degrees: leeway, and what changes from day to day.
 _LEAST_SIGMA_DEG = 0.3

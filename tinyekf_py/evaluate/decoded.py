@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from acquisition.recording import Event, read_recording
 from acquisition.sample import COMPASS, IMU, MAX_GPS, REFERENCE_TRUE, SOURCES
-from tinyekf_py.config import CompassConfig, Config, ImuConfig
+from tinyekf_py.config import Config
 from tinyekf_py.deviation import deviation_deg
 from tinyekf_py.evaluate.truth import Floats
 from tinyekf_py.fusion import rotation
 from tinyekf_py.replay import Replay
 from tinyekf_py.sample_array import sample_dtype
+from tinyekf_py.sensor_config import CompassConfig, ImuConfig
 from tinyekf_py.variation import VariationError, variation_deg
 
 ROW_S = 0.1

@@ -2,8 +2,8 @@
 
 #include <math.h>
 #include <stddef.h>
-#include <string.h>
 
+#include "adaptive_start.h"
 #include "angle.h"
 #include "velocity_vote.h"
 
@@ -17,7 +17,6 @@ static const double held_within = 4.0 * ANGLE_DEGREE;
 static const double speed_held_within = 0.3;        /* m/s */
 static const double turn_from = 1.2 * ANGLE_DEGREE; /* rad/s: waves yaw no faster once smoothed; */
 static const double turn_full = 2.4 * ANGLE_DEGREE; /* this is a turn */
-static const double starting_speed = 1.0;           /* m/s: slower, a course is no first heading */
 static const double under_way = 1.0;                /* m/s over ground: not at rest */
 static const double rest_memory_s = 2.0;
 static const double rest_below = 0.22; /* m/s over ground, meanwhile: at rest; */
@@ -26,9 +25,7 @@ static const int64_t bearing_hold_us = 3000000;
 static const int64_t bearing_relearned_us = 120000000;      /* a compass refused so long has a new deviation */
 static const int64_t bearing_relearned_blind_us = 10000000; /* without a gyro to hold against it */
 static const int64_t contradiction_us = 6000000;            /* all refused so long: the filter is wrong, not they */
-/* A start and a turn tell of a current for so long; on a straight course the two likelihoods only drift apart. */
-static const int64_t evidence_us = 30000000;
-static const double most_odds = 7.0; /* of the logarithm */
+static const double most_odds = 7.0;                        /* of the logarithm */
 
 void adaptive_reset(adaptive_t *adaptive, const adaptive_settings_t *settings)
 {
@@ -40,88 +37,14 @@ void adaptive_reset(adaptive_t *adaptive, const adaptive_settings_t *settings)
         .bearing_refused_us = SOURCE_NEVER,
         .contradicted_us = SOURCE_NEVER,
         .velocity_us = SOURCE_NEVER,
-        .log_odds = log(settings->current_chance / (1.0 - settings->current_chance)),
+        .kept.t_us = SOURCE_NEVER,
+        .log_odds = adaptive_odds_of_current(settings),
     };
     yaw_history_reset(&adaptive->yaw);
     for (int i = 0; i < SAMPLE_MAX_GPS; i++) {
         adaptive->receiver[i].suspect_until_us = SOURCE_NEVER;
         adaptive->track[i].t_us = SOURCE_NEVER;
     }
-}
-
-static void each_renew(adaptive_t *adaptive, int state, const double mean[ADAPTIVE_HYPOTHESES],
-                       const double variance[ADAPTIVE_HYPOTHESES])
-{
-    for (int k = 0; k < ADAPTIVE_HYPOTHESES; k++) {
-        adaptive_model_renew(&adaptive->filter[k], state, mean[k], variance[k]);
-    }
-}
-
-/* The bias' state is the rate of turn while there is no gyro: changes over when the gyro falls silent or speaks again. */
-static void hear_gyro(adaptive_t *adaptive, int64_t t_us)
-{
-    const adaptive_noise_t *noise = &adaptive->settings.noise;
-    const int live = yaw_history_is_live(&adaptive->yaw, t_us);
-    if (live == adaptive->gyro_live) {
-        return;
-    }
-    double mean[ADAPTIVE_HYPOTHESES];
-    double variance[ADAPTIVE_HYPOTHESES];
-    for (int k = 0; k < ADAPTIVE_HYPOTHESES; k++) {
-        const adaptive_ekf_t *ekf = &adaptive->filter[k];
-        if (live) {
-            const double away = source_seconds_since(adaptive->silent_since_us, t_us);
-            const int known = adaptive->silent_since_us != SOURCE_NEVER;
-            mean[k] = known ? adaptive->bias_of[k] : 0.0;
-            variance[k] = known ? adaptive->bias_variance_before[k] + away * noise->bias_walk * noise->bias_walk
-                                : noise->bias * noise->bias;
-        } else {
-            adaptive->bias_of[k] = (double)ekf->x[ADAPTIVE_BIAS];
-            adaptive->bias_variance_before[k] = (double)ekf->P[ADAPTIVE_BIAS][ADAPTIVE_BIAS];
-            mean[k] = adaptive->bias_of[k] - adaptive->yaw.rate[adaptive->yaw.newest];
-            variance[k] = noise->unseen_rate * noise->unseen_rate;
-        }
-    }
-    if (!live) {
-        adaptive->silent_since_us = t_us;
-    }
-    adaptive->gyro_live = live;
-    each_renew(adaptive, ADAPTIVE_BIAS, mean, variance);
-}
-
-/* Begins with the compass, else with the course of a boat that moves. Returns whether it has. */
-static int start(adaptive_t *adaptive, int64_t t_us, const adaptive_bearing_t *bearing,
-                 const adaptive_velocity_t *velocity)
-{
-    const double speed = velocity ? hypot(velocity->north, velocity->east) : 0.0;
-    const double course = velocity ? atan2(velocity->east, velocity->north) : 0.0;
-    double offset;
-    double ahead = 0.0;
-    if (bearing) {
-        offset = bearing->offset;
-        ahead = velocity ? speed * cos(course - velocity->yaw - offset) : 0.0;
-    } else if (speed > starting_speed) {
-        offset = course - velocity->yaw;
-        ahead = speed;
-    } else {
-        return 0;
-    }
-    adaptive->gyro_live = yaw_history_is_live(&adaptive->yaw, t_us);
-    for (int k = 0; k < ADAPTIVE_HYPOTHESES; k++) {
-        adaptive_model_start(&adaptive->filter[k], &adaptive->settings.noise, k, offset, ahead);
-        if (!adaptive->gyro_live) {
-            const double sigma = adaptive->settings.noise.unseen_rate;
-            adaptive_model_renew(&adaptive->filter[k], ADAPTIVE_BIAS, 0.0, sigma * sigma);
-        }
-    }
-    adaptive->silent_since_us = SOURCE_NEVER;
-    adaptive->running = 1;
-    adaptive->evidence_until_us = t_us + evidence_us;
-    adaptive->heading = yaw_history_at(&adaptive->yaw, t_us, NULL) + offset;
-    adaptive->wave_yaw = 0.0;
-    adaptive->speed[ADAPTIVE_CALM] = adaptive->speed[ADAPTIVE_CURRENTED] = ahead;
-    adaptive->course[ADAPTIVE_CALM] = adaptive->course[ADAPTIVE_CURRENTED] = adaptive->heading;
-    return 1;
 }
 
 /* The tick's compass readings as one; 0 when there is none to take. */
@@ -222,7 +145,7 @@ static void measure(adaptive_t *adaptive, int64_t t_us, const adaptive_bearing_t
         }
     }
     if (adaptive->turning > 0.0) {
-        adaptive->evidence_until_us = t_us + evidence_us;
+        adaptive->evidence_until_us = t_us + ADAPTIVE_EVIDENCE_US;
     }
     if (t_us < adaptive->evidence_until_us) {
         adaptive->log_odds += log_likelihood[ADAPTIVE_CURRENTED] - log_likelihood[ADAPTIVE_CALM];
@@ -318,9 +241,12 @@ static void tick(adaptive_t *adaptive, int64_t t_us)
     const adaptive_velocity_t *moved = has_velocity && !adaptive->at_rest ? &velocity : NULL;
     double foretold;
     double sigma;
-    const int was_running = adaptive_heading(adaptive, t_us, &foretold, &sigma);
-    if (adaptive->running || start(adaptive, t_us, seen, moved)) {
-        hear_gyro(adaptive, t_us);
+    const int was_running = adaptive_heading(adaptive, t_us, &foretold, &sigma) && !adaptive->misled;
+    if (adaptive->misled) {
+        adaptive_go_back(adaptive, t_us);
+    }
+    if (adaptive->running || adaptive_start(adaptive, t_us, seen, moved)) {
+        adaptive_hear_gyro(adaptive, t_us);
         for (int k = 0; k < ADAPTIVE_HYPOTHESES; k++) {
             adaptive_model_predict(&adaptive->filter[k], &adaptive->settings.noise, k, dt, turned * adaptive->turning,
                                    adaptive->gyro_live);

@@ -7,6 +7,7 @@
 
 #include "adaptive_model.h"
 #include "angle.h"
+#include "ground_velocity.h"
 #include "sample.h"
 #include "source_clock.h"
 #include "yaw_history.h"
@@ -66,12 +67,12 @@ typedef struct {
     int64_t suspect_until_us; /* it has lately contradicted the others */
 } adaptive_receiver_t;
 
-/* Where a receiver was some time ago: one that gives no velocity shows it by its way since then. */
+/* What had been learned before the compass began to repeat itself, in case it was stuck. */
 typedef struct {
-    double lat_deg;
-    double lon_deg;
-    int64_t t_us; /* SOURCE_NEVER: nowhere yet */
-} adaptive_track_t;
+    adaptive_ekf_t filter[ADAPTIVE_HYPOTHESES];
+    double log_odds;
+    int64_t t_us; /* SOURCE_NEVER: nothing */
+} adaptive_kept_t;
 
 typedef struct {
     adaptive_settings_t settings;
@@ -97,12 +98,15 @@ typedef struct {
     int64_t evidence_until_us; /* after this nothing tells a current from a deviation, until she turns again */
     double nis;                /* sum of the likelier filter's normalised innovations squared of the heading, */
     int headings;              /* and their number */
-    double unsettled;          /* rad: of the tick's correction, what the heading given out has yet to follow */
+    adaptive_kept_t kept;
+    int misled;       /* by a stuck compass: the next tick goes back to what was kept */
+    int learned;      /* and the filters hold that at the next start */
+    double unsettled; /* rad: of the tick's correction, what the heading given out has yet to follow */
 
     double bearing_reference; /* rad: about which the tick's compass readings are summed */
     adaptive_bearing_t bearing;
     adaptive_receiver_t receiver[SAMPLE_MAX_GPS];
-    adaptive_track_t track[SAMPLE_MAX_GPS];
+    ground_track_t track[SAMPLE_MAX_GPS];
     int64_t velocity_us; /* when a receiver last gave a velocity */
 
     double gyro_rate;  /* rad/s: over the last tick, bias and all */
@@ -124,6 +128,13 @@ void adaptive_turn(adaptive_t *adaptive, int64_t t_us, double angle, double rate
 
 /* The compass showed a true heading (rad). */
 void adaptive_bear(adaptive_t *adaptive, int64_t t_us, double heading);
+
+/* The compass shows something new: what was learned up to now is worth keeping. */
+void adaptive_keep(adaptive_t *adaptive);
+
+/* The compass was stuck: the heading starts anew, and what was learned since the compass began to repeat itself is
+ * forgotten. */
+void adaptive_unlearn(adaptive_t *adaptive);
 
 /* Receiver i, of stage-1 weight `weight`, gave a fix: with speed and course, or without them. */
 void adaptive_move(adaptive_t *adaptive, int64_t t_us, int i, const gps_reading_t *reading, double weight);

@@ -86,6 +86,12 @@ void adaptive_model_renew(adaptive_ekf_t *ekf, int state, double mean, double va
     ekf->P[state][state] = (ekf_real)variance;
 }
 
+void adaptive_model_start_again(adaptive_ekf_t *ekf, double offset, double speed)
+{
+    adaptive_model_renew(ekf, ADAPTIVE_OFFSET, offset, square(unknown_offset));
+    adaptive_model_renew(ekf, ADAPTIVE_SPEED, speed, square(unknown_speed));
+}
+
 /* H P H' */
 static double variance_of(const adaptive_ekf_t *ekf, const ekf_real h[ADAPTIVE_STATES])
 {

@@ -80,6 +80,9 @@ typedef struct {
 void adaptive_model_start(adaptive_ekf_t *ekf, const adaptive_noise_t *noise, int with_current, double offset,
                           double speed);
 
+/* Likewise, but with what it has learned of all else. */
+void adaptive_model_start_again(adaptive_ekf_t *ekf, double offset, double speed);
+
 /* Predicts over dt seconds, in which the gyro turned by `turned` (rad); gyro_live: it was heard. */
 void adaptive_model_predict(adaptive_ekf_t *ekf, const adaptive_noise_t *noise, int with_current, double dt,
                             double turned, int gyro_live);

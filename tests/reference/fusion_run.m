@@ -81,6 +81,7 @@ function s = start_state(o, method)
   s.compass_reading = NaN;    % deg, as it came
   s.compass_turned = 0;       % rad, by the gyro since that reading first came, forgotten within 10 s
   s.compass_stuck = false;
+  s.courses = repmat(stuck_course(), 1, n);
   s.imu_reading = NaN(6, 1);
   s.imu_same = 0;             % samples with that reading
   s.imu_since = NaN;          % stamp of the first of them
@@ -188,10 +189,15 @@ function s = take_compass(s, t, reference, heading_deg, deviation_deg, variation
   if ~isfinite(true_deg)
     return
   end
-  if heading_deg ~= s.compass_reading
+  anew = heading_deg ~= s.compass_reading;
+  if anew
     s.compass_reading = heading_deg;
     s.compass_turned = 0;
     s.compass_stuck = false;
+  end
+  if anew || ~fresh(s, 9, t)
+    [s.courses.way] = deal(NaN);
+    [s.courses.since] = deal(NaN);
   end
   s.compass_stuck = s.compass_stuck || abs(s.compass_turned) > 10*pi/180;
   if s.compass_stuck
@@ -230,6 +236,8 @@ function s = take_gps(s, t, i, sample, o)
     s.fix(i, :) = [lat lon];
     s.fix_time(i) = t;
     [s, north, east] = locate(s, lat, lon);
+    s.courses(i) = stuck_course(s.courses(i), t, lat, lon, sample(8), sample(9), sample(10), s.compass);
+    s = judge_compass(s, t);
   end
   if s.running(i)
     s = advance(s, i, t);
@@ -245,6 +253,26 @@ function s = take_gps(s, t, i, sample, o)
   s = correct(s, i, t, north, east, psi_deg);
   if ~fresh(s, 9, t)
     s = steer_silent_filters(s, t);
+  end
+end
+
+function s = judge_compass(s, t)
+% While no gyro measures turns, a compass is stuck when more than half of the receivers with a fix deny it.
+  if fresh(s, 10, t) || ~fresh(s, 9, t)
+    return
+  end
+  fixes = 0;
+  denials = 0;
+  for i = find(s.valid)
+    if fresh(s, i, t)
+      c = s.courses(i);
+      fixes = fixes + 1;
+      denials = denials + (c.heard - c.since >= 3e6 && t - c.heard <= 5e6);
+    end
+  end
+  if 2*denials > fixes
+    s.compass_stuck = true;
+    s.lost(9) = true;
   end
 end
 

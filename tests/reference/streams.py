@@ -308,6 +308,29 @@ def sticking() -> list[Item]:
     return sorted([*items, *losses], key=lambda item: item.t_us)
 
 
+def sticking_unseen() -> list[Item]:
+    """The compass sticks and no gyro tells: the courses deny it, one of them by its track; one receiver lies still."""
+
+    def bent(s: Sample) -> Sample:
+        if isinstance(s, CompassSample) and (_between(4, 44, s) or _between(52, 88, s)):
+            return s._replace(heading_deg=1.0 if s.t_us < 50_000_000 else 123.4)
+        if isinstance(s, GpsSample) and s.source == 1:
+            return s._replace(speed_mps=NAN) if s.t_us < 60_000_000 else s._replace(course_deg=NAN, hdop=NAN)
+        if isinstance(s, GpsSample) and s.source == 2 and _between(12, 70, s):
+            return s._replace(lat_deg=35.96, lon_deg=126.52, speed_mps=0.2, course_deg=NAN)
+        if isinstance(s, GpsSample) and _between(84, 88, s):
+            return s._replace(speed_mps=500.0)
+        return s
+
+    def rate(t_s: float) -> float:
+        return 5.0 if 20.0 < t_s < 38.0 or 60.0 < t_s < 80.0 else 0.0
+
+    samples = sail(Boat(127, duration_s=92.0, rate_dps=rate))
+    samples = _without(samples, lambda s: s.source == IMU and _between(8, 90, s))
+    samples = _without(samples, lambda s: s.source == COMPASS and _between(14, 16, s))
+    return [bent(s) for s in _without(samples, lambda s: s.source == 0 and _between(25, 31, s))]
+
+
 def pairs() -> list[Item]:
     """1 Hz receivers whose epochs come two or three to a read, or one late and the next early."""
     items: list[Item] = []
@@ -373,6 +396,7 @@ STREAMS: tuple[Stream, ...] = (
     Stream("qualities", qualities),
     Stream("at_rest", at_rest, methods=("cnw3",)),
     Stream("sticking", sticking, methods=ALL_METHODS),
+    Stream("sticking_unseen", sticking_unseen, methods=ALL_METHODS),
     Stream("pairs", pairs, methods=("cnw3",)),
     Stream("opposed", opposed, Options(n_gps=2), methods=("cnw3", "cnw-ekf")),
     Stream(

@@ -3,8 +3,9 @@
     python bench/live/stuck_compass.py
 
 A simulated tour of 400 s in which the boat turns by 40 to 80 degrees and once all round; the compass sticks from 60 to
-360 s. For every method, with the IMU (then the fusion recognises it once the boat has turned) and without: the error
-of the heading against the truth in that time, RMS and largest, beside that of the sound compass.
+360 s. For every method, with the IMU (then the gyro tells that it sticks) and without (then the courses tell, some
+seconds later): the error of the heading against the truth in that time, RMS and largest, beside that of the sound
+compass.
 """
 
 from __future__ import annotations

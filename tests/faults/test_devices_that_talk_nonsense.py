@@ -126,14 +126,8 @@ def test_gps_time_jumps(life: Any, what: str, by: timedelta) -> None:
     assert row.whole_s <= 2.0 + SLACK_S
 
 
-@pytest.mark.parametrize(
-    ("name", "fault", "limit_s"),
-    [
-        ("imu", "imu stuck at one value", DEADLINE_S),
-        ("compass", "compass stuck at one value (noticed once the boat has turned 10°)", 90.0),  # a leg takes 45 s
-    ],
-)
-def test_a_sensor_sticks_at_one_value(life: Any, name: str, fault: str, limit_s: float) -> None:
+def sticks(life: Any, name: str, fault: str, limit_s: float) -> None:
+    """A row of the matrix: a device repeats what it says, kind by kind, until it has been noticed."""
     cable = life.boat.cables[name]
     stuck: dict[bytes, bytes] = {}  # by the kind of sentence; an IMU has one
 
@@ -147,6 +141,24 @@ def test_a_sensor_sticks_at_one_value(life: Any, name: str, fault: str, limit_s:
         lambda: setattr(cable, "mangle", None),
         limit_s=limit_s,
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "fault", "limit_s"),
+    [
+        ("imu", "imu stuck at one value", DEADLINE_S),
+        ("compass", "compass stuck at one value (noticed once the boat has turned 10°)", 90.0),  # a leg takes 45 s
+    ],
+)
+def test_a_sensor_sticks_at_one_value(life: Any, name: str, fault: str, limit_s: float) -> None:
+    sticks(life, name, fault, limit_s)
+
+
+def test_the_compass_sticks_aboard_a_boat_without_an_imu(own_life: Any) -> None:
+    life = own_life(config="enabled = false\n")  # of the last device, the IMU
+    life.boat.cables["imu"].mangle = lambda line: None
+    sticks(life, "compass", "compass stuck at one value, without an IMU (noticed once the course has turned)", 120.0)
+    assert life.live.end() == 0
 
 
 def test_the_configuration_file_vanishes(life: Any) -> None:

@@ -31,6 +31,17 @@ def cruise(epochs: int) -> bytes:
     return said
 
 
+def stuck() -> bytes:
+    """A compass that repeats its reading while the course turns to starboard, and then moves again, without an IMU."""
+    said = b""
+    for number in range(120):
+        turned = 0 if number < 50 else 62  # steps of 1.44 degrees
+        gps = bytes([0x30, 100, 0x0D, 128, 128, turned])
+        compass = bytes([0x38, 100, 1 if number < 10 else 0 if number < 100 else 60])
+        said += gps + compass
+    return said
+
+
 def main() -> None:
     """Write them all."""
     voyage = Voyage(SCENARIOS["tour"], GRADES["typical"])
@@ -52,6 +63,7 @@ def main() -> None:
     }
     for method in range(4):
         seeds[f"core/method{method}"] = bytes([method, 0x73]) + cruise(40)
+        seeds[f"core/stuck{method}"] = bytes([method, 0x13]) + stuck()
     epoch = GpsSample(0, 0, 1, 1.8e9, 36.0, 126.5, 0.0, 3.0, 90.0, 1.0, float("nan"), 8)
     seeds["core/raw"] = bytes([3, 0x73]) + b"\x2a\x64" + epoch.pack() + cruise(8)
     for name, seed in seeds.items():

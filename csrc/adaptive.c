@@ -19,8 +19,9 @@ static const double turn_from = 1.2 * ANGLE_DEGREE; /* rad/s: waves yaw no faste
 static const double turn_full = 2.4 * ANGLE_DEGREE; /* this is a turn */
 static const double under_way = 1.0;                /* m/s over ground: not at rest */
 static const double rest_memory_s = 2.0;
-static const double rest_below = 0.22; /* m/s over ground, meanwhile: at rest; */
-static const double rest_above = 0.35; /* no more */
+static const double rest_below = 0.22;     /* m/s over ground, meanwhile: at rest; */
+static const double rest_above = 0.35;     /* no more */
+static const double rest_unguided_s = 3.0; /* without a compass: with one, a swing at anchor is no bias */
 static const int64_t bearing_hold_us = 3000000;
 static const int64_t bearing_relearned_us = 120000000;      /* a compass refused so long has a new deviation */
 static const int64_t bearing_relearned_blind_us = 10000000; /* without a gyro to hold against it */
@@ -33,6 +34,7 @@ void adaptive_reset(adaptive_t *adaptive, const adaptive_settings_t *settings)
         .settings = *settings,
         .tick_us = SOURCE_NEVER,
         .silent_since_us = SOURCE_NEVER,
+        .bearing_taken_us = SOURCE_NEVER,
         .bearing_hold_us = SOURCE_NEVER,
         .bearing_refused_us = SOURCE_NEVER,
         .contradicted_us = SOURCE_NEVER,
@@ -139,7 +141,10 @@ static void measure(adaptive_t *adaptive, int64_t t_us, const adaptive_bearing_t
             log_likelihood[k] += verdict[k].log_likelihood;
         }
     }
-    if (adaptive->at_rest && live) {
+    if (bearing_accepted) {
+        adaptive->bearing_taken_us = t_us;
+    }
+    if (adaptive->at_rest && live && source_seconds_since(adaptive->bearing_taken_us, t_us) > rest_unguided_s) {
         for (int k = 0; k < ADAPTIVE_HYPOTHESES; k++) {
             adaptive_model_take_rest(&adaptive->filter[k], adaptive->gyro_rate);
         }

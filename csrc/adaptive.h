@@ -113,7 +113,8 @@ typedef struct {
     double mean_north; /* m/s over ground, of the last seconds */
     double mean_east;
     int at_rest;
-    int64_t bearing_hold_us;    /* the compass is not taken before this */
+    int64_t bearing_taken_us;   /* when the compass was last believed; SOURCE_NEVER: not yet */
+    int64_t bearing_hold_us;    /* it is not taken before this */
     int64_t bearing_refused_us; /* since when it has been refused; SOURCE_NEVER: is not */
     int64_t contradicted_us;    /* since when everything has been refused; SOURCE_NEVER: is not */
 } adaptive_t;

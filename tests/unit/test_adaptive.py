@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -43,9 +44,18 @@ class Errors(NamedTuple):
 
 @cache
 def sailed(
-    name: str, duration_s: float, *, circle_first: bool = True, seed: int = 1, gga_alone: bool = False
+    name: str,
+    duration_s: float,
+    *,
+    circle_first: bool = True,
+    seed: int = 1,
+    gga_alone: bool = False,
+    swing_deg: float = 0.0,
 ) -> Sailed:
     scenario = scenario_named(name)
+    if swing_deg:  # as at anchor, to and fro in 90 s
+        waters = scenario.waters
+        scenario = replace(scenario, waters=replace(waters, sea=replace(waters.sea, period_s=90.0, yaw_deg=swing_deg)))
     voyage = Voyage(settled(scenario) if circle_first else scenario, GRADES["typical"], seed=seed)
     config = Config()
     decoders = {
@@ -96,6 +106,12 @@ def test_sigma_contains_the_deviation_that_nothing_at_a_dock_can_see() -> None:
     assert np.all(np.abs(found.error_deg) < 3.0 * found.sigma_deg)
     assert np.all(found.sigma_deg > 2.0)
     assert np.std(found.error_deg) < 1.0
+
+
+def test_a_boat_that_swings_at_anchor_is_followed() -> None:
+    found = errors(sailed("dock", 400.0, circle_first=False, swing_deg=15.0))
+    assert found.rmse_deg < 2.0
+    assert np.max(np.abs(found.error_deg)) < 4.0
 
 
 def test_a_disturbed_compass_is_not_believed_and_is_taken_back_afterwards() -> None:

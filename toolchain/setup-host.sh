@@ -11,7 +11,7 @@ source "$(dirname "$0")/step.sh"
 
 packages=(
     gcc-arm-linux-gnueabihf libc6-dev-armhf-cross gcc-aarch64-linux-gnu libc6-dev-arm64-cross
-    qemu-user-static mmdebstrap debian-archive-keyring
+    qemu-user-static arch-test mmdebstrap debian-archive-keyring
     dpkg-dev debhelper dh-python fakeroot lintian
     python3-venv openssh-client iproute2 util-linux
 )

@@ -66,5 +66,5 @@ def _sail(voyage: Voyage, writer: RecordingWriter, truth_file: IO[str], steps: i
             truth_file.write(truth_row(voyage.motion.t_s, voyage.motion))
         if step % _FLUSH_STEPS == 0:
             writer.flush()  # this voyage runs ahead of any disk
-            if writer.failure:
+            if writer.failure or writer.lost:
                 return

@@ -6,7 +6,6 @@
 #include "angle.h"
 #include "ground_velocity.h"
 
-static const double unknown_hdop = 2.0;
 static const double least_hdop = 0.6;
 static const int64_t velocity_lasts_us = 2000000; /* so long after a receiver's own velocity no track is looked at */
 
@@ -54,7 +53,7 @@ void adaptive_move(adaptive_t *adaptive, int64_t t_us, int i, const gps_reading_
 {
     double hdop = reading->hdop;
     if (isnan(hdop)) { /* the receiver does not say how good it is */
-        hdop = unknown_hdop;
+        hdop = GROUND_VELOCITY_UNKNOWN_HDOP;
         weight = 1.0;
     }
     if (!(weight > 0.0)) {

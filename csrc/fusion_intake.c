@@ -167,7 +167,7 @@ fusion_verdict_t fusion_take_compass(fusion_t *fusion, const sample_t *sample)
         return FUSION_NO_VARIATION;
     }
     const int talks_on = source_clock_is_fresh(&fusion->compass_clock, fusion->now_us);
-    const int repeats = sample->compass.heading_deg == fusion->compass_reading.reading;
+    const int repeats = stuck_compass_repeats(&fusion->compass_reading, sample->compass.heading_deg, talks_on);
     if (stuck_compass_take(&fusion->compass_reading, sample->compass.heading_deg, talks_on)) {
         source_clock_lose(&fusion->compass_clock);
         return FUSION_STUCK;
@@ -175,7 +175,7 @@ fusion_verdict_t fusion_take_compass(fusion_t *fusion, const sample_t *sample)
     source_clock_tick(&fusion->compass_clock, fusion->now_us);
     fusion->compass = heading;
     if (fusion->settings.method == FUSION_ADAPTIVE) {
-        if (!(repeats && talks_on)) {
+        if (!repeats) {
             adaptive_keep(&fusion->adaptive);
         }
         adaptive_bear(&fusion->adaptive, fusion->now_us, heading);

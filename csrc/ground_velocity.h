@@ -4,6 +4,8 @@
 
 #include "sample.h"
 
+#define GROUND_VELOCITY_UNKNOWN_HDOP 2.0 /* of a receiver that does not say how good it is */
+
 typedef struct {
     double north; /* m/s */
     double east;

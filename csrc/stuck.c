@@ -25,7 +25,6 @@ static const double leeway_change = 0.15;                /* of the speed */
 static const double sigmas = 4.0;
 static const double velocity_sigma = 0.08; /* m/s per axis, at HDOP 1: of what a receiver says, and */
 static const double position_sigma = 0.1;  /* m per axis: of its positions */
-static const double unknown_hdop = 2.0;
 
 void stuck_imu_reset(stuck_imu_t *imu)
 {
@@ -57,16 +56,21 @@ int stuck_imu_take(stuck_imu_t *imu, const imu_reading_t *reading, int64_t t_us)
     return imu->n == frozen_samples && t_us - imu->since_us >= frozen_us;
 }
 
+int stuck_compass_repeats(const stuck_compass_t *compass, double heading_deg, int talks_on)
+{
+    return talks_on && heading_deg == compass->reading;
+}
+
 int stuck_compass_take(stuck_compass_t *compass, double heading_deg, int talks_on)
 {
-    const int moves = heading_deg != compass->reading;
-    if (moves) {
+    const int repeats = stuck_compass_repeats(compass, heading_deg, talks_on);
+    if (heading_deg != compass->reading) {
         compass->reading = heading_deg;
         compass->turned = 0.0;
         compass->stuck = 0;
     }
     compass->stuck |= fabs(compass->turned) > turned_most;
-    for (int i = 0; i < SAMPLE_MAX_GPS && (moves || !talks_on); i++) {
+    for (int i = 0; i < SAMPLE_MAX_GPS && !repeats; i++) {
         compass->course[i].then_us = compass->course[i].against_us = SOURCE_NEVER;
     }
     return compass->stuck;
@@ -81,7 +85,7 @@ void stuck_compass_turn(stuck_compass_t *compass, double angle, double dt)
 static int velocity_of(stuck_course_t *course, int64_t t_us, const gps_reading_t *gps, ground_velocity_t *velocity,
                        double *sigma)
 {
-    const double hdop = isnan(gps->hdop) ? unknown_hdop : gps->hdop;
+    const double hdop = isnan(gps->hdop) ? GROUND_VELOCITY_UNKNOWN_HDOP : gps->hdop;
     double span;
     if (ground_velocity_own(gps, velocity)) {
         *sigma = velocity_sigma * hdop;
@@ -140,9 +144,10 @@ void stuck_compass_move(stuck_compass_t *compass, int64_t t_us, int i, const gps
     }
     if (course->then_us == SOURCE_NEVER || t_us - course->then_us < settling_us) {
         course->then = course->now;
-    } else {
-        approach(&course->then, &course->now, fmin(dt / then_memory_s, 1.0));
+        course->against_us = SOURCE_NEVER;
+        return;
     }
+    approach(&course->then, &course->now, fmin(dt / then_memory_s, 1.0));
     if (!denies(course, heading, sigma)) {
         course->against_us = SOURCE_NEVER;
     } else if (course->against_us == SOURCE_NEVER) {

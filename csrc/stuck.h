@@ -33,7 +33,10 @@ typedef struct {
 void stuck_imu_reset(stuck_imu_t *imu);
 void stuck_compass_reset(stuck_compass_t *compass);
 
-/* Notes a reading. Whether the sensor is stuck. `talks_on`: the compass has not been silent since its last. */
+/* Whether a reading is the last one again; talks_on: the compass has not been silent since. */
+int stuck_compass_repeats(const stuck_compass_t *compass, double heading_deg, int talks_on);
+
+/* Notes a reading. Whether the sensor is stuck. */
 int stuck_imu_take(stuck_imu_t *imu, const imu_reading_t *reading, int64_t t_us);
 int stuck_compass_take(stuck_compass_t *compass, double heading_deg, int talks_on);
 

@@ -16,6 +16,13 @@ MODES = ("ok", "degraded", "dead-reckoning", "invalid")
 POSITION_MODES = ("gps", "dead-reckoning", "invalid")
 #: Columns of the heading CSV exist for so many receivers even when fewer are configured.
 MIN_GPS_COLUMNS = 3
+#: So many decimals are worth giving of what is no position: no sensor tells more.
+DECIMALS = 4
+
+
+def decimals_of(field: str) -> int:
+    """How many decimals of a number are worth giving, by its field's name."""
+    return 9 if field in ("lat_deg", "lon_deg") else DECIMALS
 
 
 class Estimate(NamedTuple):

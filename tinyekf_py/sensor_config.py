@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from acquisition.decoder import DRIVERS
 from acquisition.sample import SOURCES
 from tinyekf_py.config_key import boolean, choice, integer, key, nonempty_text, number, numbers, text
 
 _baud = integer(50, 4_000_000)
+
+
+def _latency(default_ms: float) -> Any:
+    doc = "How long after the moment measured its lines arrive; only method adaptive uses it."
+    return key(default_ms, doc, number(0, 900), unit="milliseconds", shapes_result=True)
+
+
+def _checksum() -> Any:
+    return key(True, "Whether a sentence without a checksum is dropped.", boolean, shapes_result=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,14 +46,8 @@ class GpsConfig(SensorConfig):
     baud: int = key(
         9600, "Speed of a serial port; 9600 is u-blox's own, and a receiver's USB port ignores it.", _baud, unit="baud"
     )
-    checksum: bool = key(True, "Whether a sentence without a checksum is dropped.", boolean, shapes_result=True)
-    latency_ms: float = key(
-        120.0,
-        "How long after the moment measured its lines arrive; only method adaptive uses it.",
-        number(0, 900),
-        unit="milliseconds",
-        shapes_result=True,
-    )
+    checksum: bool = _checksum()
+    latency_ms: float = _latency(120.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +58,7 @@ class CompassConfig(SensorConfig):
 
     driver: str = key("nmea", "What it speaks: nmea is NMEA 0183.", choice(*DRIVERS["compass"]), shapes_result=True)
     baud: int = key(9600, "Speed of a serial port; older NMEA compasses have 4800.", _baud, unit="baud")
-    checksum: bool = key(True, "Whether a sentence without a checksum is dropped.", boolean, shapes_result=True)
+    checksum: bool = _checksum()
     deviation: tuple[float, ...] = key(
         (0.0, 0.0, 0.0, 0.0, 0.0),
         "Deviation A + B sin z + C cos z + D sin 2z + E cos 2z at compass heading z, as [A, B, C, D, E].",
@@ -63,13 +66,7 @@ class CompassConfig(SensorConfig):
         unit="degrees, east positive",
         shapes_result=True,
     )
-    latency_ms: float = key(
-        50.0,
-        "How long after the moment measured its lines arrive; only method adaptive uses it.",
-        number(0, 900),
-        unit="milliseconds",
-        shapes_result=True,
-    )
+    latency_ms: float = _latency(50.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,13 +102,7 @@ class ImuConfig(SensorConfig):
         unit="degrees/s",
         shapes_result=True,
     )
-    latency_ms: float = key(
-        0.0,
-        "How long after the moment measured its lines arrive; only method adaptive uses it.",
-        number(0, 900),
-        unit="milliseconds",
-        shapes_result=True,
-    )
+    latency_ms: float = _latency(0.0)
 
 
 def default_sensor(name: str) -> SensorConfig:

@@ -8,14 +8,10 @@ from pathlib import Path
 from typing import TextIO
 
 from acquisition.recording import format_seconds
-from tinyekf_py.estimate import Estimate
+from tinyekf_py.estimate import Estimate, decimals_of
 from tinyekf_py.export.part_files import PartFiles
 from tinyekf_py.export.tables import HEADING, Table, Timed, Value
 from tinyekf_py.heading_csv import format_header, format_row
-
-#: As in the heading CSV; no sensor tells more.
-_DECIMALS = {"lat_deg": 9, "lon_deg": 9}
-_DEFAULT_DECIMALS = 4
 
 
 class CsvTables:
@@ -33,7 +29,7 @@ class CsvTables:
         if file is None:
             file = self._file(table.name, ",".join(["t_s", *(column.name for column in table.columns)]))
         writer = csv.writer(file, lineterminator="\n")
-        decimals = [_DECIMALS.get(column.name, _DEFAULT_DECIMALS) for column in table.columns]
+        decimals = [decimals_of(column.name) for column in table.columns]
         writer.writerows((format_seconds(t_us), *map(_rounded, row, decimals)) for t_us, row in rows)
 
     def estimates(self, estimates: list[Estimate]) -> None:

@@ -10,11 +10,10 @@ import time
 from math import isfinite
 from typing import Any
 
+from tinyekf_py.estimate import DECIMALS, decimals_of
 from tinyekf_py.outputs.feed import Feed
 from tinyekf_py.view_state import MAX_ESTIMATE_AGE_S, ViewState
 
-_DECIMALS = {"lat_deg": 9, "lon_deg": 9}
-_DEFAULT_DECIMALS = 4
 #: Fields in which a negative number means that it is not known.
 _COUNTS = frozenset({"fix_quality", "satellites"})
 
@@ -38,7 +37,7 @@ def to_json(value: object) -> str:
     return json.dumps(value, separators=(",", ":"), allow_nan=False)
 
 
-def number(value: float, decimals: int = _DEFAULT_DECIMALS) -> float | None:
+def number(value: float, decimals: int = DECIMALS) -> float | None:
     """`value` rounded, None when it is not finite."""
     return round(value, decimals) if isfinite(value) else None
 
@@ -68,5 +67,5 @@ _FIELDS: dict[type, tuple[tuple[str, int], ...]] = {}
 def _names(kind: type) -> tuple[tuple[str, int], ...]:
     """A named tuple's fields with their decimals; none of another type."""
     if kind not in _FIELDS:
-        _FIELDS[kind] = tuple((name, _DECIMALS.get(name, _DEFAULT_DECIMALS)) for name in getattr(kind, "_fields", ()))
+        _FIELDS[kind] = tuple((name, decimals_of(name)) for name in getattr(kind, "_fields", ()))
     return _FIELDS[kind]

@@ -11,6 +11,7 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
 from types import FrameType
@@ -21,7 +22,7 @@ from acquisition.simulator.grades import GRADES
 from acquisition.simulator.ptys import (
     LinkError,
     Pty,
-    claim,
+    claimed,
     make_links,
     next_grid_point,
     remove_links,
@@ -149,28 +150,22 @@ def _serve(scenario: Scenario, options: argparse.Namespace) -> int:
 
     ptys = {source: Pty() for source in scenario.devices}
     links: dict[str, Path] = {}
-    truth_file = None
-    claimed = -1
-    try:
+    truth = None
+    with ExitStack() as stack:
+        for pty in ptys.values():
+            stack.callback(pty.close)
         if options.links:
-            claimed = claim(options.links)
+            stack.enter_context(claimed(options.links))
         if options.truth:
             try:
-                truth_file = options.truth.open("w", encoding="ascii", buffering=1)
+                truth = stack.enter_context(options.truth.open("w", encoding="ascii", buffering=1)), start_us
             except OSError as error:
                 raise _CommandError(f"cannot write the truth to {options.truth}: {error.strerror}") from error
         if options.links:
             links = make_links(ptys, options.links)
+            stack.callback(remove_links, ptys, links)
         _announce(scenario, options, ptys, links)
-        serve(voyage, ptys, departure_us, ended, (truth_file, start_us) if truth_file else None)
-    finally:
-        remove_links(ptys, links)
-        if truth_file:
-            truth_file.close()
-        for pty in ptys.values():
-            pty.close()
-        if claimed >= 0:
-            os.close(claimed)
+        serve(voyage, ptys, departure_us, ended, truth)
     return 0
 
 

@@ -12,7 +12,8 @@ import os
 import select
 import time
 import tty
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import IO
@@ -83,19 +84,22 @@ class Pty:
         os.close(self.fd)
 
 
-def claim(directory: Path) -> int:
-    """A descriptor that keeps `directory` ours until it is closed; LinkError when another simulator has it."""
+@contextmanager
+def claimed(directory: Path) -> Iterator[None]:
+    """Keeps `directory` ours meanwhile; LinkError when another simulator has it."""
     try:
         directory.mkdir(parents=True, exist_ok=True)
         fd = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
     except OSError as error:
         raise LinkError(f"cannot make the links in {directory}: {error.strerror}") from error
     try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise LinkError(f"another simulator has its links in {directory}; end it, or give another folder") from None
+        yield
+    finally:
         os.close(fd)
-        raise LinkError(f"another simulator has its links in {directory}; end it, or give another folder") from None
-    return fd
 
 
 def make_links(ptys: dict[str, Pty], directory: Path) -> dict[str, Path]:

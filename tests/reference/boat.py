@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -122,3 +122,11 @@ def _gps(
         hdop=round(chance.uniform(0.7, 2.4), 2),
         satellites=8,
     )
+
+
+def between(start_s: float, end_s: float, item: Sample) -> bool:
+    return start_s * 1e6 <= item.t_us < end_s * 1e6
+
+
+def without(samples: Iterable[Sample], gone: Callable[[Sample], bool]) -> list[Sample]:
+    return [sample for sample in samples if not gone(sample)]

@@ -10,7 +10,8 @@ import random
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from boat import NAN, Boat, Item, Loss, TaskSwitch, sail, turn
+from boat import NAN, Boat, Item, TaskSwitch, between, sail, turn, without
+from sticking_streams import sticking, sticking_unseen
 
 from acquisition.sample import COMPASS, IMU, REFERENCE_TRUE, CompassSample, GpsSample, ImuSample, Sample
 
@@ -39,14 +40,6 @@ class Stream:
     items: Callable[[], list[Item]]
     options: Options = Options()
     methods: tuple[str, ...] = THREE_FILTERS
-
-
-def _between(start_s: float, end_s: float, item: Sample) -> bool:
-    return start_s * 1e6 <= item.t_us < end_s * 1e6
-
-
-def _without(samples: Iterable[Sample], gone: Callable[[Sample], bool]) -> list[Sample]:
-    return [sample for sample in samples if not gone(sample)]
 
 
 def _with_tasks(samples: Iterable[Sample], switches: Iterable[tuple[float, str, str]]) -> list[Item]:
@@ -84,7 +77,7 @@ def late_start() -> list[Item]:
 def no_compass() -> list[Item]:
     """No compass at all: silent filters are steered by the other receivers."""
     samples = sail(Boat(105, compass=False, heading_deg=275.0))
-    return list(_without(samples, lambda s: s.source == 1 and _between(6, 16, s)))
+    return list(without(samples, lambda s: s.source == 1 and between(6, 16, s)))
 
 
 def no_imu() -> list[Item]:
@@ -95,13 +88,13 @@ def no_imu() -> list[Item]:
 def no_gps() -> list[Item]:
     """Compass and IMU only, and the compass goes after 15 s."""
     samples = sail(Boat(107, gps=(), rate_dps=turn(5.0)))
-    return list(_without(samples, lambda s: s.source == COMPASS and _between(15, 25, s)))
+    return list(without(samples, lambda s: s.source == COMPASS and between(15, 25, s)))
 
 
 def gps_alone() -> list[Item]:
     """One receiver and nothing else, with a gap."""
     samples = sail(Boat(108, gps=(0,), compass=False, imu=False, heading_deg=90.0))
-    return list(_without(samples, lambda s: _between(10, 14.5, s)))
+    return list(without(samples, lambda s: between(10, 14.5, s)))
 
 
 def imu_alone() -> list[Item]:
@@ -112,9 +105,9 @@ def imu_alone() -> list[Item]:
 def blackouts() -> list[Item]:
     """All GPS vanish for 13 s (positions are anchored after), then everything but the IMU for 4 s."""
     samples = sail(Boat(110, duration_s=45.0, heading_deg=350.0))
-    samples = _without(samples, lambda s: s.source < 3 and _between(8, 21, s))
-    samples = _without(samples, lambda s: s.source != IMU and _between(30, 34, s))
-    return list(_without(samples, lambda s: _between(38, 41, s)))
+    samples = without(samples, lambda s: s.source < 3 and between(8, 21, s))
+    samples = without(samples, lambda s: s.source != IMU and between(30, 34, s))
+    return list(without(samples, lambda s: between(38, 41, s)))
 
 
 def no_fix() -> list[Item]:
@@ -123,11 +116,11 @@ def no_fix() -> list[Item]:
     def bent(s: Sample) -> Sample:
         if not isinstance(s, GpsSample):
             return s
-        if _between(5 + 4 * s.source, 12 + 4 * s.source, s):
+        if between(5 + 4 * s.source, 12 + 4 * s.source, s):
             return s._replace(fix_quality=0, lat_deg=NAN, lon_deg=NAN, speed_mps=NAN, hdop=99.9)
-        if _between(26, 30, s):
+        if between(26, 30, s):
             return s._replace(fix_quality=0)
-        if _between(31, 35, s):
+        if between(31, 35, s):
             return s._replace(speed_mps=NAN)
         return s
 
@@ -137,14 +130,14 @@ def no_fix() -> list[Item]:
 def silence() -> list[Item]:
     """70 s without a word, longer than the position may be reckoned."""
     samples = sail(Boat(112, duration_s=80.0, rate_dps=turn(1.0), gps=(0, 1)))
-    return list(_without(samples, lambda s: _between(4, 74, s)))
+    return list(without(samples, lambda s: between(4, 74, s)))
 
 
 def long_reckoning() -> list[Item]:
     """62 s without a position while compass and a slow IMU go on."""
     samples = sail(Boat(113, duration_s=70.0, rate_dps=turn(2.0)))
-    samples = _without(samples, lambda s: s.source < 3 and _between(3, 66, s))
-    return list(_without(samples, lambda s: s.source == IMU and s.t_us % 200_000 != 0))
+    samples = without(samples, lambda s: s.source < 3 and between(3, 66, s))
+    return list(without(samples, lambda s: s.source == IMU and s.t_us % 200_000 != 0))
 
 
 def bursts() -> list[Item]:
@@ -157,7 +150,7 @@ def bursts() -> list[Item]:
         if not isinstance(s, ImuSample):
             items.append(s)
             continue
-        if _between(12, 14, s):
+        if between(12, 14, s):
             continue
         held.append(s)
         if len(held) >= size:
@@ -182,17 +175,17 @@ def compass_sources() -> list[Item]:
 
     def bent(s: Sample) -> Sample:
         if isinstance(s, CompassSample):
-            if _between(6, 12, s):
+            if between(6, 12, s):
                 return s._replace(variation_deg=-8.5, deviation_deg=2.5)
-            if _between(12, 16, s):
+            if between(12, 16, s):
                 return s._replace(variation_deg=-7.5)
-            if _between(20, 24, s):
+            if between(20, 24, s):
                 return s._replace(reference=REFERENCE_TRUE)
-            if _between(24, 25, s):
+            if between(24, 25, s):
                 return s._replace(heading_deg=NAN)
-            if _between(25, 28, s):
+            if between(25, 28, s):
                 return s._replace(deviation_deg=-3.0)
-        if isinstance(s, GpsSample) and s.source == 1 and _between(9, 14, s):
+        if isinstance(s, GpsSample) and s.source == 1 and between(9, 14, s):
             return s._replace(variation_deg=-8.0)
         return s
 
@@ -215,22 +208,22 @@ def hurt_imu() -> list[Item]:
             return s._replace(accel_x_g=NAN, accel_y_g=NAN, accel_z_g=NAN)
         if s.t_us < 3_000_000:
             return s._replace(accel_x_g=0.05, accel_y_g=0.02, accel_z_g=0.01)
-        if _between(6, 6.5, s):
+        if between(6, 6.5, s):
             return s._replace(gyro_z_dps=NAN)
-        if _between(7, 7.5, s):
+        if between(7, 7.5, s):
             return s._replace(gyro_x_dps=NAN, accel_x_g=0.7)
-        if _between(9, 11, s):
+        if between(9, 11, s):
             return s._replace(accel_z_g=NAN)
-        if _between(13, 15, s):
+        if between(13, 15, s):
             return s._replace(accel_x_g=-1.0, accel_y_g=0.001, accel_z_g=0.002, gyro_y_dps=60.0)
-        if _between(20, 22, s):
+        if between(20, 22, s):
             return s._replace(accel_x_g=0.1, accel_y_g=0.2, accel_z_g=-0.9, gyro_x_dps=170.0)
-        if _between(26.5, 27, s):
+        if between(26.5, 27, s):
             return s._replace(accel_x_g=NAN)
         return s
 
     samples = sail(Boat(118, rate_dps=turn(-4.0)))
-    samples = _without(samples, lambda s: s.source == IMU and (_between(17, 18.5, s) or _between(25, 26.5, s)))
+    samples = without(samples, lambda s: s.source == IMU and (between(17, 18.5, s) or between(25, 26.5, s)))
     return [bent(s) for s in samples]
 
 
@@ -274,9 +267,9 @@ def qualities() -> list[Item]:
 
     samples = [bent(s) for s in sail(Boat(121, heading_deg=5.0, rate_dps=turn(-3.0)))]
     return list(
-        _without(
+        without(
             samples,
-            lambda s: (s.source == COMPASS and _between(20, 23, s)) or (s.t_us > 27_000_000 and s.source == COMPASS),
+            lambda s: (s.source == COMPASS and between(20, 23, s)) or (s.t_us > 27_000_000 and s.source == COMPASS),
         )
     )
 
@@ -290,45 +283,6 @@ def at_rest() -> list[Item]:
         return s
 
     return [bent(s) for s in sail(Boat(122, duration_s=20.0, speed_mps=0.1, rate_dps=turn(0.2)))]
-
-
-def sticking() -> list[Item]:
-    """Compass and IMU stick at one value, in a turn and bursts; a receiver and the compass are lost for a while."""
-    last: dict[int, Sample] = {}
-    items: list[Item] = []
-    samples = sail(Boat(125, duration_s=36.0, rate_dps=lambda t_s: 6.0 if t_s < 26.0 else 0.0))
-    for s in _without(samples, lambda s: (s.source == 1 and _between(27, 30, s)) or _between(33, 34.2, s)):
-        held = s.source == COMPASS and (_between(6, 12, s) or _between(27, 36, s))
-        held = held or (s.source == IMU and (_between(14, 18, s) or _between(19, 19.9, s)))
-        same = last[s.source]._replace(t_us=s.t_us) if held else s
-        last[s.source] = same
-        burst = s.source == IMU and _between(5, 9, s)
-        items.append(same._replace(t_us=s.t_us // 30_000 * 30_000 + 20_000) if burst else same)
-    losses = [Loss(27_050_000, "gps2"), Loss(31_234_567, "compass"), Loss(33_000_000, "imu"), Loss(34_000_000, "gps1")]
-    return sorted([*items, *losses], key=lambda item: item.t_us)
-
-
-def sticking_unseen() -> list[Item]:
-    """The compass sticks and no gyro tells: the courses deny it, one of them by its track; one receiver lies still."""
-
-    def bent(s: Sample) -> Sample:
-        if isinstance(s, CompassSample) and (_between(4, 44, s) or _between(52, 88, s)):
-            return s._replace(heading_deg=1.0 if s.t_us < 50_000_000 else 123.4)
-        if isinstance(s, GpsSample) and s.source == 1:
-            return s._replace(speed_mps=NAN) if s.t_us < 60_000_000 else s._replace(course_deg=NAN, hdop=NAN)
-        if isinstance(s, GpsSample) and s.source == 2 and _between(12, 70, s):
-            return s._replace(lat_deg=35.96, lon_deg=126.52, speed_mps=0.2, course_deg=NAN)
-        if isinstance(s, GpsSample) and _between(84, 88, s):
-            return s._replace(speed_mps=500.0)
-        return s
-
-    def rate(t_s: float) -> float:
-        return 5.0 if 20.0 < t_s < 38.0 or 60.0 < t_s < 80.0 else 0.0
-
-    samples = sail(Boat(127, duration_s=92.0, rate_dps=rate))
-    samples = _without(samples, lambda s: s.source == IMU and _between(8, 90, s))
-    samples = _without(samples, lambda s: s.source == COMPASS and _between(14, 16, s))
-    return [bent(s) for s in _without(samples, lambda s: s.source == 0 and _between(25, 31, s))]
 
 
 def pairs() -> list[Item]:
